@@ -118,7 +118,9 @@ def test_loads_on_the_joints():
 def test_the_elbows_encoder_leads_its_link():
     """5 N m wind 1/800 rad/(N m) up, and half of the play of 2 mrad is left behind."""
     loop, x = Loop(compliance2=1 / 800, backlash2=0.002), array(0.1, 0.2, 1.0, 2.0)
-    np.testing.assert_allclose(motor_side(loop, jnp.array(x), -5.0), x - [0.0, 5 / 800 + 0.001, 0.0, 0.0], rtol=1e-6)
+    np.testing.assert_allclose(
+        motor_side(loop, jnp.array(x), -5.0), x - [0.0, 5 / 800 + 0.001, 0.0, 0.0], rtol=1e-6
+    )
 
 
 def test_a_sagging_supply_takes_torque_from_driving_motors_alone():

@@ -67,7 +67,7 @@ SENSORS = {
     "noisy": Sensor(0.5, 0, ENCODER),
     "late": Sensor(0.0, 20),
     "late and noisy": Sensor(0.3, 15, ENCODER),
-    "400 Hz": Sensor(0.1, 4, ENCODER, (0.0025,)),
+    "250 Hz": Sensor(0.1, 4, ENCODER, (0.004,)),
     "uneven": Sensor(0.1, 4, ENCODER, (DT, 0.0025)),
     "quantum": Sensor(0.0, 1, QUANTUM, differences=True),
     "offsets and friction": Sensor(0.1, 1, ENCODER, offset=0.02, coulomb=0.1),

@@ -186,13 +186,13 @@ def test_what_is_learned_is_finite_or_nothing():
 def test_hat():
     # Newest first: the hat's peak is 3 s ago, its area 1, its height 2/8.
     steps = np.array([1.0, 2.0, 4.0, 1.0])
-    mean, slope = hat_weights(np, steps, np.array([0.0, 1.0, 3.0, 7.0, 8.0]))
+    mean, slope = hat_weights(np, steps, np.array([0.0, 1.0, 3.0, 7.0, 8.0]), 3.0, 8.0)
     assert mean.sum() == pytest.approx(1)
     assert mean[0] == pytest.approx(0.5 * 1 * 0.25 / 3)
     assert slope.sum() == pytest.approx(0)
     # A ramp of 1 N m/s, which the torque follows in the middle of each step.
     assert slope @ -np.array([0.5, 2.0, 5.0, 7.5]) == pytest.approx(1)
-    even = hat_weights(np, np.full(6, 0.002), 0.002 * np.arange(7))
+    even = hat_weights(np, np.full(6, 0.002), 0.002 * np.arange(7), 0.006, 0.012)
     np.testing.assert_allclose(even[0], np.array([0.5, 1.5, 2.5, 2.5, 1.5, 0.5]) / 9, rtol=1e-12)
     np.testing.assert_allclose(even[1], np.array([1, 1, 1, -1, -1, -1]) / (9 * 0.002), rtol=1e-12)
 

@@ -106,8 +106,8 @@ def test_the_age_makes_late_angles_as_good_as_present_ones(policy, monkeypatch):
 
 
 def test_a_pause_interrupts(policy):
-    """After a longer one the motion before is forgotten; a period that is too short is none."""
-    for pause, calls in ((3.9 * DT, 31), (4.1 * DT, 1), (-DT, 1), (1e-9, 31)):
+    """After a longer one the motion before is forgotten; a call that comes too soon is not seen."""
+    for pause, calls in ((3.9 * DT, 31), (4.1 * DT, 1), (-DT, 1), (1e-9, 30), (0.61 * DT, 31)):
         controller = numpy_controller(policy)
         run(controller, policy.plant, 30)
         controller(np.zeros(4), 29 * DT + pause)

@@ -23,11 +23,16 @@ class Maths(NamedTuple):
     sine_cosine: Callable[[Number], Pair]
     arctan: Callable[[Number], Number]
     log1p: Callable[[Number], Number]
+    expm1: Callable[[Number], Number]
     root: Callable[[Number], Number]
     minimum: Callable[[Number, Number], Number]
     """The smaller of two numbers."""
     maximum: Callable[[Number, Number], Number]
+    finite: Callable[[Any], Any]
+    """Whether all numbers of an array are finite."""
     where: Callable[[Any, Number, Number], Number]
+    place: Callable[[Number], Any]
+    """The nearest whole number, as a place in an array."""
     numbers: Callable[[Any], tuple[Number, ...]]
     """The numbers of a vector."""
     vector: Callable[[Any], Any]
@@ -60,10 +65,14 @@ NUMPY = Maths(
     sine_cosine=sine_cosine,
     arctan=math.atan,
     log1p=math.log1p,
+    expm1=math.expm1,
     root=math.sqrt,
     minimum=min,
     maximum=max,
+    # 0 times what is not finite is NaN; a product is faster than a test of each number.
+    finite=lambda values: np.vdot(values, 0.0 * values) == 0.0,
     where=lambda condition, yes, no: yes if condition else no,
+    place=round,
     # Python's floats: a product of NumPy's scalars takes three times as long.
     numbers=lambda values: tuple(values.tolist()),
     vector=np.array,

@@ -17,6 +17,7 @@
 
 typedef struct {
     swingup_guard guard;
+    double asked[2]; /* torques of the last call that was not early, before guard and limits (N m) */
 #if SWINGUP_HAS_ESTIMATOR
     swingup_estimator estimator;
 #endif
@@ -76,23 +77,19 @@ static inline double swingup_act(swingup_controller *c, const double x[4])
     return swingup_network(x, base);
 }
 
-/* The torques u (N m) for the state x measured at time t (s). */
-static inline void swingup_control(swingup_controller *c, double t, const double x[4], double u[2])
+/* What the motors are asked for (N m), before guard and limits; whether it is new. */
+static inline int swingup_ask(swingup_controller *c, double t, const double x[4], double u[2])
 {
     const double own[4] = {x[0], x[1], SWINGUP_TIME_UNIT * x[2], SWINGUP_TIME_UNIT * x[3]};
     double seen[4] = {own[0], own[1], own[2], own[3]};
-#if SWINGUP_HAS_ESTIMATOR
-    double given[2];
-#endif
 
     (void)t;
-#if SWINGUP_HAS_GUARD
-    if (!swingup_allows(&c->guard, t, x)) {
-        swingup_stopped(&c->guard, u);
-        return;
-    }
-#endif
 #if SWINGUP_HAS_ESTIMATOR
+    if (swingup_early(&c->estimator, t)) {
+        u[0] = c->asked[0];
+        u[1] = c->asked[1];
+        return 0;
+    }
     swingup_observe(&c->estimator, t, own, seen);
 #endif
     u[1 - SWINGUP_DRIVEN] = 0.0;
@@ -100,6 +97,23 @@ static inline void swingup_control(swingup_controller *c, double t, const double
 #if SWINGUP_HAS_IDENTIFIER
     swingup_compensate(&c->estimator.identifier, seen, u);
 #endif
+    c->asked[0] = u[0];
+    c->asked[1] = u[1];
+    return 1;
+}
+
+/* The torques u (N m) for the state x measured at time t (s). */
+static inline void swingup_control(swingup_controller *c, double t, const double x[4], double u[2])
+{
+    int asked;
+
+#if SWINGUP_HAS_GUARD
+    if (!swingup_allows(&c->guard, t, x)) {
+        swingup_stopped(&c->guard, u);
+        return;
+    }
+#endif
+    asked = swingup_ask(c, t, x, u);
 #if SWINGUP_HAS_GUARD
     swingup_limited(&c->guard, u);
 #else
@@ -109,13 +123,15 @@ static inline void swingup_control(swingup_controller *c, double t, const double
 #endif
 #if SWINGUP_HAS_ESTIMATOR
     /* It needs what the motors were given. */
-    given[0] = u[0] / SWINGUP_TORQUE_UNIT;
-    given[1] = u[1] / SWINGUP_TORQUE_UNIT;
-    swingup_remember(&c->estimator, given);
+    if (asked) {
+        const double given[2] = {u[0] / SWINGUP_TORQUE_UNIT, u[1] / SWINGUP_TORQUE_UNIT};
+        swingup_remember(&c->estimator, given);
+    }
 #endif
 #if SWINGUP_HAS_IDENTIFIER
     swingup_tell(c);
 #endif
+    (void)asked;
 }
 
 /* Why the safety guard stopped the controller, a number; 0 while it acts, or without a guard. */

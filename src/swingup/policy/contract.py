@@ -15,6 +15,8 @@ torques u = [u1, u2] (N m) of shoulder and elbow.
   Behind an estimator the model stands in for short gaps, and it is NaN after them.
 - Behind a safety guard no torque is ever NaN: the guard holds the last ones in a short gap, and then stops the
   controller (``policy/guard``).
+- Behind an estimator a call that comes sooner than 0.6 of its period after the last one keeps the torques, in C and
+  NumPy: a loop of 1 kHz runs as one of 500 Hz.
 - ``reset()`` forgets the run: what follows repeats the first run bit for bit.
 
 ``tests/policy/test_conformance.py`` holds every back end to it, ``tests/policy/test_guard.py`` the guards in NumPy
@@ -24,6 +26,7 @@ check_plain``). JAX has the same contract without hidden state, ``init() -> memo
 (memory, u)``; a C header has it as ``swingup_reset`` and ``swingup_control``. JAX has no guard: it judges.
 """
 
+import math
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -52,6 +55,9 @@ def four_numbers(x: Any) -> np.ndarray:
 
 class Torques(Protocol):
     """What computes torques for a loop, and knows nothing of limits and guards."""
+
+    shortest_pause: float
+    """Calls that come sooner after the last one keep the torques (s)."""
 
     def reset(self) -> None:
         """Forget the run so far."""
@@ -87,6 +93,7 @@ class LoopController(Generic[TorquesT]):
         self.guard = None if guard is None else Guard(guard, robot.joint, limits)
         """What watches the loop."""
         self._limits = np.array(limits)
+        self._own, self._acted = np.zeros(2), -math.inf
 
     @property
     def fault(self) -> Fault | None:
@@ -101,6 +108,7 @@ class LoopController(Generic[TorquesT]):
     def reset(self) -> None:
         """Forget the run so far, and let a stopped controller act again."""
         self.inner.reset()
+        self._acted = -math.inf
         if self.guard is not None:
             self.guard.reset()
 
@@ -126,12 +134,15 @@ class LoopController(Generic[TorquesT]):
         x, t = four_numbers(x), float(t)
         if self.guard is not None and not self.guard.allows(t, x if measured is None else measured):
             return self.guard.stopped()
-        own = self.inner.act(x, t)
-        extra = 0.0 if added is None else added
-        u = self._limited(own + extra) if self.guard is None else self.guard.limited(own + extra)
+        early = self._acted < t < self._acted + self.inner.shortest_pause
+        if not early:
+            self._own, self._acted = self.inner.act(x, t), t
+        wanted = self._own if added is None else self._own + added
+        u = self._limited(wanted) if self.guard is None else self.guard.limited(wanted)
         # An estimator needs what the motors were given. The caller's torques belong to the plant, which then seems
         # to have less friction; else an identifier would compensate it once more.
-        self.inner.given(u if added is None else self._limited(u - extra))
+        if not early:
+            self.inner.given(u if added is None else self._limited(u - added))
         return u
 
     def _limited(self, u: np.ndarray) -> np.ndarray:

@@ -17,6 +17,9 @@ from .controller import AbstractController, check_robot
 class Compiled:
     """The torques of a controller, compiled when it is made and not in the loop."""
 
+    shortest_pause = 0.0
+    """It acts at each call (s)."""
+
     def __init__(self, controller: AbstractController[Any]) -> None:
         """Compile one call in double precision, as the judge runs it."""
         with jax.enable_x64(True):

@@ -118,6 +118,8 @@ def estimator_data(settings: EstimatorSettings) -> Data:
     return {
         "DT": settings.dt,
         "LONGEST_GAP": settings.longest_gap,
+        "SHORTEST_STEP": identifier.SHORTEST_STEP * settings.dt,
+        "LONGEST_STEP": identifier.LONGEST_STEP * settings.dt,
         "DELAYS": settings.max_delay_steps + 1,
         "PREDICTION_STEPS": estimator.PREDICTION_STEPS,
         "FADING": math.exp(-settings.dt / estimator.EVIDENCE_TIME),
@@ -134,22 +136,20 @@ def identifier_data(policy: PendulumPolicy, loop: EstimatorSettings) -> Data:
     plant = similar_plant(policy.plant, scales)
     mean, covariance = i.prior(plant)
     deviation = np.where(driven, i.DRIVEN_DEVIATION, i.PASSIVE_DEVIATION)
-    nominal, (rise, fall) = lumped(mean[:BASE], geometry_of(plant)), i.follows(dt)
+    nominal = lumped(mean[:BASE], geometry_of(plant))
     return {
-        "SPAN": i.SPAN,
-        "COMMANDS": i.commands(loop.max_delay_steps),
-        "POLE": i.pole(dt),
+        "SPAN": i.span(dt),
+        "COMMANDS": i.commands(dt, loop.max_delay_steps),
+        "BANDWIDTH": i.BANDWIDTH,
         "RELATIVE_FLOOR": i.RELATIVE_FLOOR,
         "GATE_SQUARED": i.GATE_SIGMAS**2,
         "GATE_HOLD": i.GATE_HOLD,
         "STUDENT": i.STUDENT,
-        "CORRELATION_LENGTH": i.correlation_length(dt),
-        "RISE": rise,
-        "FALL": fall,
+        "CORRELATION": i.POLES / i.BANDWIDTH,
+        "RISE_TIME": i.RISE_TIME,
+        "FALL_TIME": i.FALL_TIME,
         "MARGIN": i.MARGIN,
         "FARTHEST": i.FARTHEST,
-        "LONGEST_STEP": i.LONGEST_STEP * dt,
-        "SHORTEST_STEP": i.SHORTEST_STEP * dt,
         "CLOSE_RATES": CLOSE_RATES,
         "TILT_RATIO": mean[2] / mean[3],
         "PASSIVE_LIMIT": policy.torque_limits[1 - policy.robot.joint] / scales.torque,
@@ -160,7 +160,7 @@ def identifier_data(policy: PendulumPolicy, loop: EstimatorSettings) -> Data:
         "UNEVEN_SQUARED": i.UNEVEN_STEP**2,
         "mean": mean,
         "prior": covariance,
-        "drift": i.DRIFT**2 * dt * np.diagonal(covariance),
+        "drift": i.DRIFT**2 * np.diagonal(covariance),
         "first_variance": deviation**2,
         "least_variance": np.where(driven, i.DRIVEN_FLOOR, i.PASSIVE_FLOOR) ** 2,
         "most_variance": (i.MOST_DEVIATION * deviation) ** 2,

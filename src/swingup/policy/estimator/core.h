@@ -127,6 +127,12 @@ static inline void swingup_ahead(const swingup_estimator *c, const swingup_plant
     }
 }
 
+/* Whether a call at time t (s) comes so soon after the last one that the torques before are kept. */
+static inline int swingup_early(const swingup_estimator *c, double t)
+{
+    return c->called && t > c->time && t < c->time + SWINGUP_SHORTEST_STEP * SWINGUP_TIME_UNIT;
+}
+
 /* Whether a state measured h (s) after the last one shows nothing new, for no longer than can be borne. */
 static inline int swingup_lost(swingup_estimator *c, const double x[4], double h)
 {
@@ -144,7 +150,7 @@ static inline int swingup_lost(swingup_estimator *c, const double x[4], double h
 static inline void swingup_observe(swingup_estimator *c, double t, const double measured[4], double seen[4])
 {
     const double pause = (t - c->time) / SWINGUP_TIME_UNIT, h = pause > 0.0 ? pause : SWINGUP_DT;
-    const int late = !c->called || !(pause >= 0.0 && pause <= 1.5 * SWINGUP_DT);
+    const int late = !c->called || !(pause >= 0.0 && pause <= SWINGUP_LONGEST_STEP);
     const int lost = swingup_lost(c, measured, h);
 #if SWINGUP_HAS_IDENTIFIER
     swingup_identifier *found = &c->identifier;

@@ -19,7 +19,7 @@ x̂, and evidence S_n; and the delay m. At each call with the measurement z, a t
    equal ones, and none below the angles' own age.
 3. d_n ← d_n - K d_n, x̂ ← p + K e + d_m, d_n ← d_n - d_m, with the Kalman gains K of ``settings.kalman_gains``.
 4. The estimate restarts, x̂ ← z, all u_n and d_n ← 0, S and m as before the call, if there was no call before, if
-   the last one was more than 1.5 Δ ago or is in the future, or if a rate of x̂ is not within 100 standard
+   the last one was more than 4 Δ ago or is in the future, or if a rate of x̂ is not within 100 standard
    deviations of the measured one. The controller then sees z.
 5. Otherwise it sees x̂ carried ahead by m steps: four steps of the model of m h/4 each, with the mean of the
    torques that act in each, as if commands were held from call to call; z if that is not finite.
@@ -37,6 +37,8 @@ within its limit; both torques are NaN if the state seen is not finite.
 import math
 from typing import Any, NamedTuple, TypeAlias
 
+import numpy as np
+
 from ...plant import equations
 from ...plant.damped import Friction, damped_midpoint_step
 from ...plant.equations import Lumped, Number, friction, lump
@@ -51,6 +53,8 @@ RESET_SIGMAS = 100
 """An estimate restarts where its rate is this many standard deviations off the measured one: that has jumped."""
 PREDICTION_STEPS = 4
 """Steps in which the estimate is carried ahead over the delay."""
+PIECES = np.arange(PREDICTION_STEPS, -1.0, -1.0)[:, None]
+"""Ends of the pieces in which the estimate is carried ahead, in pieces before now (5, 1)."""
 OUTLIER_SCALE = 1e-4
 """s: far larger errors of a predicted angle count little more (rad); a push must not decide the delay."""
 DELAY_PENALTY = 20.0
@@ -70,6 +74,8 @@ class Loop(NamedTuple):
     """Index of the driven joint."""
     model: Model
     """The nominal plant."""
+    delays: np.ndarray
+    """0 to the longest one (steps)."""
     gains: Array
     """Kalman gains (2, 2) of a joint, from the misses of its angle and its rate to corrections of both."""
     finding: identifier.Loop | None = None
@@ -94,7 +100,8 @@ def make_loop(
         finding: what identifies the plant, which is the model then.
         time_unit: unit of time (s) of settings and plant.
     """
-    return Loop(settings, joint, (lump(plant), plant.friction), kalman_gains(settings), finding, time_unit)
+    delays, model = np.arange(settings.max_delay_steps + 1.0), (lump(plant), plant.friction)
+    return Loop(settings, joint, model, delays, kalman_gains(settings), finding, time_unit)
 
 
 class EstimatorState(NamedTuple):
@@ -152,28 +159,31 @@ def observe(
     xp, period, measured = maths.xp, loop.settings.dt, x
     pause = (t - state.time) / loop.time_unit
     # The first call (an infinite pause) and a clock of NaN fail both comparisons.
-    in_time = (pause >= 0) & (pause <= 1.5 * period)
+    in_time = (pause >= 0) & (pause <= LONGEST_STEP * period)
     # Both branches below may be computed: a late call needs a finite step, too.
     dt, model = maths.where(in_time & (pause > 0), pause, period), loop.model
-    finite = xp.isfinite(x).all()
-    repeated = (x == state.sample).all() & (x[2:] != 0).any()
-    gap = maths.where(finite & ~repeated, 0.0, state.gap + dt)
+    finite, (q1, q2, v1, v2), last = maths.finite(x), maths.numbers(x), maths.numbers(state.sample)
+    repeats = (q1 == last[0]) & (q2 == last[1]) & (v1 == last[2]) & (v2 == last[3]) & ((v1 != 0) | (v2 != 0))
+    gap = state.gap + dt
+    gap = maths.where(finite, maths.where(repeats, gap, 0.0), gap)
     lost = (gap > 0) & (gap <= loop.settings.longest_gap) & (pause < math.inf)
-    state = state._replace(sample=maths.where(finite, x, state.sample), gap=gap)
+    sample = maths.where(finite, x, state.sample)
     between, age = dt, 0
     if found is not None and state.identified is not None:
         x, model = x - maths.vector([*found.offsets, 0.0, 0.0]), (found.plant, found.friction)
         between, age = identifier.interval(maths, state.identified, dt), state.identified.age
     followed = _follow(maths, loop, state, x, lost, between, model, age)
     # What is not finite fails the comparison, and is lost.
-    near = abs(x - followed.state)[2:] <= RESET_SIGMAS * loop.settings.velocity_noise
-    kept = in_time & (lost | near.all())
-    after = maths.choose(~kept, lambda: _restart(maths, state, x), followed)
+    miss1, miss2 = maths.numbers(abs(x - followed.state)[2:])
+    jump = RESET_SIGMAS * loop.settings.velocity_noise
+    kept = in_time & (lost | ((miss1 <= jump) & (miss2 <= jump)))
+    after = maths.choose(xp.logical_not(kept), lambda: _restart(maths, state, x), followed)
     # The filter's estimate is as old as the delay; the controller needs the present state.
     ahead = maths.choose(after.delay_steps > 0, lambda: _ahead(maths, loop, after, dt, model), after.state)
-    seen = maths.choose(kept & xp.isfinite(ahead).all(), lambda: ahead, x)
+    seen = maths.choose(kept & maths.finite(ahead), lambda: ahead, x)
     shown = maths.where(lost, math.nan * measured, measured)
-    return after._replace(time=t, identified=_identify(maths, loop, after, pause, shown)), seen
+    identified = _identify(maths, loop, after, in_time, pause, shown)
+    return after._replace(time=t, sample=sample, gap=gap, identified=identified), seen
 
 
 def compensation(maths: Maths, loop: Loop, asked: Friction, seen: Array) -> Array:
@@ -186,7 +196,7 @@ def compensation(maths: Maths, loop: Loop, asked: Friction, seen: Array) -> Arra
         seen: state (4,) that the controller sees.
     """
     assert loop.finding is not None  # the caller has what it found
-    most, finite = loop.finding.passive_limit, maths.xp.isfinite(seen).all()
+    most, finite = loop.finding.passive_limit, maths.finite(seen)
     torques = []
     for joint, (b, cf, rate) in enumerate(zip(*asked, maths.numbers(seen[2:]), strict=True)):
         # The arctangent and the clip would make a finite torque of an infinite velocity.
@@ -204,16 +214,17 @@ def remember(maths: Maths, loop: Loop, state: EstimatorState, u: Array) -> Estim
     )
 
 
-def _identify(maths: Maths, loop: Loop, state: EstimatorState, pause: Number, x: Array) -> IdentifierState | None:
-    """Show the identifier, if there is one, the angles measured a pause (s) after the last ones.
+def _identify(
+    maths: Maths, loop: Loop, state: EstimatorState, in_time: Any, pause: Number, x: Array
+) -> IdentifierState | None:
+    """Show the identifier, if there is one, the angles measured a pause (s) after the last ones, perhaps too late.
 
     Rates are noisy and not needed.
     """
     before, behind, period = state.identified, loop.finding, loop.settings.dt
     if behind is None or before is None:
         return None
-    # It knows each step's time: the late calls of an uneven loop do not interrupt it.
-    late = maths.xp.logical_not((pause >= 0) & (pause <= LONGEST_STEP * period))
+    late = maths.xp.logical_not(in_time)
     going_on = maths.choose(late, lambda: identifier.restart(maths, behind, before), before)
     step = maths.where(pause == 0, period, pause)
     return identifier.observe(maths, behind, going_on, x[:2], state.delay_steps, step)
@@ -229,11 +240,12 @@ def _follow(
     maths: Maths, loop: Loop, state: EstimatorState, x: Array, lost: Any, dt: Number, model: Model, age: Number
 ) -> EstimatorState:
     """One step of dt (s) of the filter in charge and of the bank, for angles of an age (calls), or in a gap."""
-    xp, s = maths.xp, loop.settings
+    xp = maths.xp
     gains = maths.where(lost, 0.0, 1.0) * xp.asarray(loop.gains, state.state.dtype)
+    gains = maths.numbers(gains.reshape(4))
     (torque,) = maths.numbers(state.torques[state.delay_steps][None])
-    predicted = step(maths, loop, model, state.state, torque, dt)
-    miss = maths.where(lost, xp.zeros_like(predicted), x - predicted)
+    predicted = step(maths, loop, model, state.state, (torque,), dt)
+    miss = maths.where(lost, 0.0 * predicted, x - predicted)
     angles, rates = maths.nearest(miss[:2]), miss[2:]
 
     extra = (state.torques - torque)[:, None] * response(maths, loop, model, state.state)
@@ -241,12 +253,13 @@ def _follow(
     bank_angles = bank_angles + dt * bank_rates + 0.5 * dt**2 * extra
     bank_rates = bank_rates + dt * extra
 
-    scaled = ((angles - bank_angles) ** 2).sum(axis=1) / OUTLIER_SCALE**2
-    evidence = math.exp(-s.dt / EVIDENCE_TIME) * state.evidence + xp.log1p(scaled)
+    squares = (angles - bank_angles) ** 2
+    far = (squares[:, 0] + squares[:, 1]) / OUTLIER_SCALE**2
+    evidence = math.exp(-loop.settings.dt / EVIDENCE_TIME) * state.evidence + xp.log1p(far)
     evidence = maths.where(lost, state.evidence, evidence)
     # A delay below the angles' own age cannot be.
-    beyond = xp.arange(s.max_delay_steps + 1) - age
-    delay_steps = xp.argmin(xp.where(beyond < 0, math.inf, evidence + DELAY_PENALTY * beyond))
+    delays = xp.asarray(loop.delays, evidence.dtype)
+    delay_steps = xp.argmin(xp.where(delays < age, math.inf, evidence + DELAY_PENALTY * delays))
 
     corrected = _correction(gains, bank_angles, bank_rates)
     bank_angles, bank_rates = bank_angles - corrected[0], bank_rates - corrected[1]
@@ -261,30 +274,29 @@ def _follow(
     )
 
 
-def _correction(gains: Array, angles: Array, rates: Array) -> tuple[Array, Array]:
+def _correction(gains: tuple[Number, ...], angles: Array, rates: Array) -> tuple[Array, Array]:
     """What the Kalman gains make of misses."""
-    return gains[0, 0] * angles + gains[0, 1] * rates, gains[1, 0] * angles + gains[1, 1] * rates
+    return gains[0] * angles + gains[1] * rates, gains[2] * angles + gains[3] * rates
 
 
 def _ahead(maths: Maths, loop: Loop, state: EstimatorState, dt: Number, model: Model) -> Array:
     """The state after the delay, steps of dt (s), in pieces with the mean of the torques that act in each."""
     xp, (steps,) = maths.xp, maths.numbers((state.delay_steps / PREDICTION_STEPS)[None])
     # How much of each torque's step lies before a piece's ends: it began and will end so many steps ago.
-    ages = xp.arange(loop.settings.max_delay_steps + 1)
-    passed = xp.clip(xp.arange(PREDICTION_STEPS, -1, -1)[:, None] * steps - ages, 0.0, 1.0)
+    pieces, delays = (xp.asarray(each, state.evidence.dtype) for each in (PIECES, loop.delays))
+    passed = xp.minimum(xp.maximum(pieces * steps - delays, 0.0), 1.0)
     # Without a delay the pieces are empty: 0 / 0 would be NaN.
     torques = ((passed[:-1] - passed[1:]) * state.torques).sum(axis=1) / maths.maximum(steps, 1e-6)
-    x = state.state
-    for torque in maths.numbers(torques):
-        x = step(maths, loop, model, x, torque, steps * dt)
-    return x
+    return step(maths, loop, model, state.state, maths.numbers(torques), steps * dt)
 
 
-def step(maths: Maths, loop: Loop, model: Model, x: Array, torque: Number, dt: Number) -> Array:
-    """The state (4,) a time dt (s) after x under the driven joint's torque (N m)."""
-    plant, losses = model
-    u = (torque, 0.0) if loop.joint == 0 else (0.0, torque)
-    return maths.vector(damped_midpoint_step(plant, losses, maths.numbers(x), u, dt, maths))
+def step(maths: Maths, loop: Loop, model: Model, x: Array, torques: tuple[Number, ...], dt: Number) -> Array:
+    """The state (4,) after steps of dt (s) from x, each with its torque of the driven joint (N m)."""
+    (plant, losses), numbers = model, maths.numbers(x)
+    for torque in torques:
+        u = (torque, 0.0) if loop.joint == 0 else (0.0, torque)
+        numbers = damped_midpoint_step(plant, losses, numbers, u, dt, maths)
+    return maths.vector(numbers)
 
 
 def response(maths: Maths, loop: Loop, model: Model, x: Array) -> Array:

@@ -23,7 +23,7 @@ class EstimatorSettings:
 
     PART: ClassVar[str] = "estimator"
     dt: Annotated[float, Range(1e-6, 0.1)] = 0.002
-    """Time between calls (s). After a longer pause the estimator restarts from the measurement."""
+    """Time between calls (s). After a pause of over four of them the estimator restarts from the measurement."""
     velocity_noise: Annotated[float, Range(1e-6, 1e3), VELOCITY] = 0.25
     """Standard deviation of the measured velocities (rad/s)."""
     acceleration_noise: Annotated[float, Range(1e-6, 1e3), ACCELERATION] = 50.0

@@ -154,6 +154,13 @@ static inline double swingup_age(const swingup_identifier *c, int n)
     return age;
 }
 
+/* Steps in half of a row: as many as take its time at the pace of the last ones. */
+static inline int swingup_span(const swingup_identifier *c)
+{
+    const double steps = 2 * SWINGUP_SPAN * SWINGUP_SPAN * SWINGUP_DT / swingup_age(c, 2 * SWINGUP_SPAN);
+    return steps > SWINGUP_SPAN ? SWINGUP_SPAN : steps < 1.0 ? 1 : (int)rint(steps);
+}
+
 /* The newest rows of shoulder and elbow: a number for each unknown, and the driven joint's torque. */
 static inline void swingup_rows(const swingup_identifier *c, double rows[2][SWINGUP_UNKNOWNS + 1])
 {
@@ -161,15 +168,16 @@ static inline void swingup_rows(const swingup_identifier *c, double rows[2][SWIN
     double a[2], pull[2], slope[2], bend[2], turning, torque[2] = {0.0, 0.0}, rate = 0.0;
     double newer = 0.0, older = 0.0, mean, now = 0.0;
     swingup_half one, two;
+    const int span = swingup_span(c);
     int i, k;
 
-    for (k = 0; k < SWINGUP_SPAN; k++) {
+    for (k = 0; k < span; k++) {
         newer += steps[k];
-        older += steps[SWINGUP_SPAN + k];
+        older += steps[span + k];
     }
     mean = 0.5 * (newer + older);
-    swingup_halve(c->angles[2 * SWINGUP_SPAN], c->angles[SWINGUP_SPAN], older, &one);
-    swingup_halve(c->angles[SWINGUP_SPAN], c->angles[0], newer, &two);
+    swingup_halve(c->angles[2 * span], c->angles[span], older, &one);
+    swingup_halve(c->angles[span], c->angles[0], newer, &two);
     for (i = 0; i < 2; i++) {
         a[i] = (two.rates[i] - one.rates[i]) / mean;
         pull[i] = 0.5 * (one.pull[i] + two.pull[i]);
@@ -198,8 +206,8 @@ static inline void swingup_rows(const swingup_identifier *c, double rows[2][SWIN
         rows[i][6 + i] = swingup_mean_arctan(one.rates[i], two.rates[i]);
     }
     /* The hat rises to the middle angle and falls to the others; each torque is held over its step. */
-    for (k = 0; k < 2 * SWINGUP_SPAN; k++) {
-        const double change = k < SWINGUP_SPAN ? steps[k] / newer : -steps[k] / older;
+    for (k = 0; k < 2 * span; k++) {
+        const double change = k < span ? steps[k] / newer : -steps[k] / older;
         for (i = 0; i < 2; i++) {
             torque[i] += (now + 0.5 * change) * steps[k] * torques[k][i] / mean;
         }
@@ -212,7 +220,7 @@ static inline void swingup_rows(const swingup_identifier *c, double rows[2][SWIN
 }
 
 /* One joint's low-passed row: the variance of its errors, and what it tells of the unknowns. */
-static inline void swingup_update(swingup_identifier *c, int joint)
+static inline void swingup_update(swingup_identifier *c, int joint, double step)
 {
     const double least = swingup_least_variance[joint], most = swingup_most_variance[joint];
     const double *row = c->filter.rows[2][joint];
@@ -234,12 +242,12 @@ static inline void swingup_update(swingup_identifier *c, int joint)
     lowest = least + (SWINGUP_RELATIVE_FLOOR * size) * (SWINGUP_RELATIVE_FLOOR * size);
     r = c->variance[joint] > lowest ? c->variance[joint] : lowest;
     distance = error * error / (unsure + r);
-    held = distance > SWINGUP_GATE_SQUARED ? SWINGUP_GATE_HOLD : c->held[joint] - SWINGUP_DT;
+    held = distance > SWINGUP_GATE_SQUARED ? SWINGUP_GATE_HOLD : c->held[joint] - step;
     w = (SWINGUP_STUDENT + distance) / (SWINGUP_STUDENT + 1.0);
-    heavy = r * SWINGUP_CORRELATION_LENGTH * (w > 1.0 ? w : 1.0);
+    heavy = r * swingup_more(1.0, SWINGUP_CORRELATION / step) * (w > 1.0 ? w : 1.0);
     /* A spoilt angle must not blind the identifier for seconds. */
     seen = distance * r < most ? distance * r : most;
-    c->variance[joint] += (seen > c->variance[joint] ? SWINGUP_RISE : SWINGUP_FALL) * (seen - c->variance[joint]);
+    c->variance[joint] += -expm1(-step / (seen > c->variance[joint] ? SWINGUP_RISE_TIME : SWINGUP_FALL_TIME)) * (seen - c->variance[joint]);
     c->held[joint] = held > 0.0 ? held : 0.0;
     for (i = 0; i < SWINGUP_UNKNOWNS; i++) {
         const double gain = held > 0.0 ? 0.0 : known[i] / (unsure + heavy);
@@ -253,6 +261,7 @@ static inline void swingup_update(swingup_identifier *c, int joint)
 /* The low-passes, both rows, and the drift; 0 if what was found is not finite. */
 static inline int swingup_learn(swingup_identifier *c)
 {
+    const double step = c->steps[c->age], weight = -expm1(-SWINGUP_BANDWIDTH * step);
     double rows[2][SWINGUP_UNKNOWNS + 1];
     int i, j, k;
 
@@ -261,16 +270,16 @@ static inline int swingup_learn(swingup_identifier *c)
         for (k = 0; k <= SWINGUP_UNKNOWNS; k++) {
             double value = rows[i][k];
             for (j = 0; j < 3; j++) {
-                c->filter.rows[j][i][k] += SWINGUP_POLE * (value - c->filter.rows[j][i][k]);
+                c->filter.rows[j][i][k] += weight * (value - c->filter.rows[j][i][k]);
                 value = c->filter.rows[j][i][k];
             }
         }
     }
-    swingup_update(c, 0);
-    swingup_update(c, 1);
+    swingup_update(c, 0, step);
+    swingup_update(c, 1, step);
     for (i = 0; i < SWINGUP_UNKNOWNS; i++) {
         /* No less sure than at the start. */
-        c->covariance[i][i] += c->covariance[i][i] < swingup_prior[i][i] ? swingup_drift[i] : 0.0;
+        c->covariance[i][i] += c->covariance[i][i] < swingup_prior[i][i] ? swingup_drift[i] * step : 0.0;
     }
     return swingup_finite(c->unknowns, SWINGUP_UNKNOWNS) &&
            swingup_finite(&c->covariance[0][0], SWINGUP_UNKNOWNS * SWINGUP_UNKNOWNS);
@@ -368,7 +377,7 @@ static inline void swingup_identify(swingup_identifier *c, const double x[4], in
         }
         c->angles[0][i] = c->calls == 0 ? x[i] : newest;
     }
-    step = c->calls == 0 ? SWINGUP_DT : step > SWINGUP_SHORTEST_STEP ? step : SWINGUP_SHORTEST_STEP;
+    step = c->calls == 0 ? SWINGUP_DT : step;
     for (k = SWINGUP_COMMANDS - 1; k > 0; k--) {
         c->steps[k] = c->steps[k - 1];
     }

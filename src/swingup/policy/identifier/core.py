@@ -12,7 +12,7 @@ At each measurement, with the rows Y of ``plant.momentum`` for the last angles a
 
        e = y - φᵀ x,   s = φᵀ P φ,   r' = max(r, f),   d² = e² / (s + r'),
        k = P φ / (s + n r' w),   w = max(1, (ν + d²)/(ν + 1)),   x ← x + k e,   P ← P - k (P φ)ᵀ,
-       r ← r + a (min(d² r', b) - r),   a = 1 - exp(-Δ/T), T = rise if r grows, fall if not.
+       r ← r + a (min(d² r', b) - r),   a = 1 - exp(-h/T), T = rise if r grows, fall if not.
 
    n counts the neighbouring rows whose errors are alike. w is the inverse of Student's weight, ν = 4. A row with d
    above the gate, and rows for a while after it, change nothing but r: pushes.
@@ -37,6 +37,8 @@ Control 15, 1970).
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ...plant.base_parameters import BASE, Geometry, friction_of, geometry_of, lumped, share_allowed
 from ...plant.damped import Friction
 from ...plant.equations import Lumped, Number, Pair
@@ -45,10 +47,13 @@ from ...plant.momentum import momentum_rows
 from ...plant.plant import Plant
 from . import settings as chosen
 from .compensation import compensation, predicted
-from .settings import LAG, POLES, SPAN, UNKNOWNS
+from .settings import LAG, POLES, UNKNOWNS
 
 Array = Any
 """An array of NumPy or JAX; shapes are in the comments."""
+
+EYE = np.eye(UNKNOWNS)
+"""Faster than making a diagonal matrix at each call."""
 
 
 class Loop(NamedTuple):
@@ -126,11 +131,11 @@ class Found(NamedTuple):
 
 def begin(maths: Maths, loop: Loop) -> IdentifierState:
     """Nothing seen yet."""
-    xp, past = maths.xp, chosen.commands(loop.max_delay_steps)
+    xp, past = maths.xp, chosen.commands(loop.period, loop.max_delay_steps)
     zero = xp.zeros(())
     first, second = (zero + _deviation(loop, joint) ** 2 for joint in (0, 1))
     return IdentifierState(
-        angles=xp.zeros((2 * SPAN + 1, 2)),
+        angles=xp.zeros((2 * chosen.span(loop.period) + 1, 2)),
         torques=xp.zeros((past, 2)),
         steps=xp.full(past, loop.period),
         calls=xp.array(0),
@@ -216,11 +221,12 @@ def observe(
     learned = _learn(maths, loop, state)
     # The torques before a restart are not known.
     full = calls >= len(angles) + delay_steps
-    finite = xp.isfinite(learned.unknowns).all() & xp.isfinite(learned.covariance).all()
+    finite = maths.finite(learned.unknowns) & maths.finite(learned.covariance)
     state = maths.choose(full & finite, lambda: learned, state)
     # A huge angle would stay in the differences; NaN fails the comparison.
-    near = (xp.abs(q) < chosen.FARTHEST).all()
-    return maths.choose(~near, lambda: restart(maths, loop, before), state)
+    far1, far2 = maths.numbers(abs(q))
+    near = (far1 < chosen.FARTHEST) & (far2 < chosen.FARTHEST)
+    return maths.choose(xp.logical_not(near), lambda: restart(maths, loop, before), state)
 
 
 def found(maths: Maths, loop: Loop, state: IdentifierState) -> Found:
@@ -248,9 +254,10 @@ def _deviation(loop: Loop, joint: int) -> float:
 
 def _age(maths: Maths, state: IdentifierState, angles: Array, steps: Array) -> tuple[Pair, Number]:
     """Weigh both ages of the angles: a longer step shows as a longer way in the same call, or in the next."""
-    whole = 2 * SPAN
+    whole = len(state.angles) - 1
     (a1, a2), (b1, b2), (c1, c2), (z1, z2) = (maths.numbers(angles[place]) for place in (0, 1, 2, whole))
-    time, (first, second, third) = steps[:whole].sum(), maths.numbers(steps[:3])
+    first, second, third, *others = maths.numbers(steps[: max(whole, 3)])
+    time = sum([first, second, third, *others][:whole])
     rate1, rate2 = (a1 - z1) / time, (a2 - z2) / time
     bend1, bend2 = a1 - 2 * b1 + c1, a2 - 2 * b2 + c2
 
@@ -266,7 +273,9 @@ def _age(maths: Maths, state: IdentifierState, angles: Array, steps: Array) -> t
 
 def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
     """The low-passes, both rows, and the drift."""
-    stages, weight = [_columns(maths, loop, state)], chosen.pole(loop.period)
+    steps = maths.window(state.steps, state.age, len(state.angles) - 1)
+    step = maths.numbers(steps[:1])[0]
+    stages, weight = [_columns(maths, loop, state, steps)], -maths.expm1(-chosen.BANDWIDTH * step)
     for stage in state.filtered:
         stages.append(stage + weight * (stages[-1] - stage))
     rows, unknowns, covariance = stages[-1], state.unknowns, state.covariance
@@ -274,35 +283,36 @@ def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
     for joint in (0, 1):
         noise = state.variance[joint], state.held[joint]
         unknowns, covariance, (variance, held) = _update(
-            maths, loop, joint, rows[joint], unknowns, covariance, noise
+            maths, loop, joint, rows[joint], unknowns, covariance, noise, step
         )
         variances.append(variance)
         holds.append(held)
     prior_variance = maths.xp.asarray(loop.covariance, covariance.dtype).diagonal()
-    drift = chosen.DRIFT**2 * loop.period * prior_variance
+    drift = chosen.DRIFT**2 * step * prior_variance
     # No less sure than at the start: the drift must not exceed the prior.
     drift = maths.xp.where(covariance.diagonal() < prior_variance, drift, 0.0)
     return state._replace(
         filtered=tuple(stages[1:]),
         unknowns=unknowns,
-        covariance=covariance + maths.xp.diag(drift),
+        covariance=covariance + maths.xp.asarray(EYE, covariance.dtype) * drift,
         variance=tuple(variances),
         held=tuple(holds),
     )
 
 
-def _columns(maths: Maths, loop: Loop, state: IdentifierState) -> Array:
-    """The newest rows (2, 14): Y, u̇, -v and u."""
-    joint = loop.joint
-    oldest, middle, newest = (maths.numbers(state.angles[place]) for place in (2 * SPAN, SPAN, 0))
-    acting = maths.window(state.torques, state.delay_steps, 2 * SPAN)
-    steps = maths.window(state.steps, state.age, 2 * SPAN)
+def _columns(maths: Maths, loop: Loop, state: IdentifierState, steps: Array) -> Array:
+    """The newest rows (2, 14): Y, u̇, -v and u, of the last steps (s)."""
+    joint, most = loop.joint, chosen.span(loop.period)
     ages = maths.xp.concatenate([maths.xp.zeros(1, steps.dtype), maths.xp.cumsum(steps)])
-    ends = maths.numbers(ages)
+    # A slower loop than the nominal one fills the time of a row with fewer steps.
+    (mean,) = maths.numbers(ages[-1:] / (2 * most))
+    span = maths.place(maths.clip(most * loop.period / mean, 1, most))
+    oldest, middle, newest = (maths.numbers(state.angles[place]) for place in (2 * span, span, 0))
+    acting = maths.window(state.torques, state.delay_steps, 2 * most)
+    peak, whole = (maths.numbers(maths.window(ages, place, 1))[0] for place in (span, 2 * span))
     ratio = maths.xp.asarray(loop.mean[2] / loop.mean[3], steps.dtype)[()]
-    halves = ends[-1] - ends[SPAN], ends[SPAN]
-    shoulder, elbow = momentum_rows(oldest, middle, newest, halves, loop.geometry, ratio, maths)
-    mean, slope = hat_weights(maths.xp, steps, ages)
+    shoulder, elbow = momentum_rows(oldest, middle, newest, (whole - peak, peak), loop.geometry, ratio, maths)
+    mean, slope = hat_weights(maths.xp, steps, ages, peak, whole)
     torques, rates = maths.numbers(mean @ acting), maths.numbers(slope @ acting)
     none = 0.0 * torques[joint]
     driven, passive = (rates[joint], none, torques[joint]), (none, -torques[1 - joint], none)
@@ -311,10 +321,17 @@ def _columns(maths: Maths, loop: Loop, state: IdentifierState) -> Array:
 
 
 def _update(
-    maths: Maths, loop: Loop, joint: int, columns: Array, unknowns: Array, covariance: Array, noise: Pair
+    maths: Maths,
+    loop: Loop,
+    joint: int,
+    columns: Array,
+    unknowns: Array,
+    covariance: Array,
+    noise: Pair,
+    step: Number,
 ) -> tuple[Array, Array, Pair]:
     """What a joint's row tells of the unknowns, and its noise: the errors' variance, and how long it is held."""
-    driven, (variance, held), (rise, fall) = joint == loop.joint, noise, chosen.follows(loop.period)
+    driven, (variance, held) = joint == loop.joint, noise
     row, target = columns[:UNKNOWNS], columns[UNKNOWNS]
     uncertain = covariance @ row
     predictive_variance, error = row @ uncertain, target - row @ unknowns
@@ -322,18 +339,19 @@ def _update(
     floor = (chosen.DRIVEN_FLOOR if driven else chosen.PASSIVE_FLOOR) ** 2 + (chosen.RELATIVE_FLOOR * size) ** 2
     r = maths.maximum(variance, floor)
     distance = error**2 / (predictive_variance + r)
-    held = maths.where(distance > chosen.GATE_SIGMAS**2, chosen.GATE_HOLD, held - loop.period)
+    held = maths.where(distance > chosen.GATE_SIGMAS**2, chosen.GATE_HOLD, held - step)
     student = maths.maximum(1.0, (chosen.STUDENT + distance) / (chosen.STUDENT + 1.0))
-    heavy = r * chosen.correlation_length(loop.period) * student
+    heavy = r * maths.maximum(1.0, POLES / chosen.BANDWIDTH / step) * student
     # A row that is held is infinitely heavy.
     gain = uncertain / maths.where(held > 0, math.inf, predictive_variance + heavy)
     # A spoilt angle must not blind the identifier for seconds.
     seen = maths.minimum(distance * r, (chosen.MOST_DEVIATION * _deviation(loop, joint)) ** 2)
-    noise = variance + maths.where(seen > variance, rise, fall) * (seen - variance), maths.maximum(held, 0.0)
+    follow = -maths.expm1(-step / maths.where(seen > variance, chosen.RISE_TIME, chosen.FALL_TIME))
+    noise = variance + follow * (seen - variance), maths.maximum(held, 0.0)
     return unknowns + gain * error, covariance - gain[:, None] * uncertain, noise
 
 
-def hat_weights(xp: Any, steps: Array, ages: Array) -> tuple[Array, Array]:
+def hat_weights(xp: Any, steps: Array, ages: Array, newer: Number, whole: Number) -> tuple[Array, Array]:
     """Weights (n,) of the last n torques, newest first: for the hat's mean, and for its mean rate (1/s).
 
     The torque is held over each step, and the hat is integrated over it.
@@ -341,8 +359,9 @@ def hat_weights(xp: Any, steps: Array, ages: Array) -> tuple[Array, Array]:
     Args:
         xp: ``numpy`` or ``jax.numpy``.
         steps: durations (n,) of the steps (s), newest first.
-        ages: time (n + 1,) from each end of a step to the newest (s); the hat's peak is the middle one.
+        ages: time (n + 1,) from each end of a step to the newest (s).
+        newer: age of the hat's peak, one of ``ages``.
+        whole: age of its beginning, one of them; older torques have no weight.
     """
-    whole, newer = ages[-1], ages[len(steps) // 2]
-    hat = xp.minimum(ages / newer, (whole - ages) / (whole - newer)) / (0.5 * whole)
+    hat = xp.maximum(xp.minimum(ages / newer, (whole - ages) / (whole - newer)), 0.0) / (0.5 * whole)
     return 0.5 * (hat[1:] + hat[:-1]) * steps, hat[1:] - hat[:-1]

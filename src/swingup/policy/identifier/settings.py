@@ -1,6 +1,5 @@
 """What the identifier expects of the plant, the measurement and the torques; all is chosen, not identified."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
@@ -22,10 +21,11 @@ LAG = BASE + 2
 GAIN = BASE + 3
 """Part of its command that the undriven joint's motor delivers."""
 
-SPAN = 4
-"""Steps between the three angles of a row: rates resolve the encoder's step over this time."""
+SPAN_TIME = 0.008
+"""Time between the three angles of a row (s): rates resolve the encoder's step over it."""
 BANDWIDTH = 60.0
-"""Bandwidth of each pole of the low-pass on both sides of the equation (rad/s)."""
+"""Bandwidth of each pole of the low-pass on both sides of the equation (rad/s). Rows in the time that it takes have
+errors that are alike and count as one."""
 POLES = 3
 """First-order low-passes in a row: second differences of an encoder's steps need three."""
 PASSIVE_DEVIATION, PASSIVE_FLOOR = 0.012, 0.005
@@ -67,9 +67,9 @@ UNEVEN_FADING = 0.9995
 AGE_CAUTION = 4.0
 """Evidence that it takes to believe that angles are a call old, or that they are not."""
 LONGEST_STEP = 4.0
-"""A call that comes more than this many periods after the last one restarts the identifier."""
-SHORTEST_STEP = 0.5
-"""A shorter step counts as this many periods: rates would have nothing but the encoder's step."""
+"""A call that comes more than this many periods after the last one restarts estimator and identifier."""
+SHORTEST_STEP = 0.6
+"""A call that comes sooner, in periods, keeps the torques: rates would have nothing but the encoder's step."""
 
 
 @dataclass(frozen=True)
@@ -85,24 +85,14 @@ class IdentifierSettings:
         check_ranges(self)
 
 
-def pole(period: float) -> float:
-    """Weight of the newest value in each of the three first-order low-passes."""
-    return 1.0 - math.exp(-BANDWIDTH * period)
+def span(period: float) -> int:
+    """Steps between the three angles of a row, at a period between calls (s)."""
+    return max(2, round(SPAN_TIME / period))
 
 
-def correlation_length(period: float) -> float:
-    """n: successive low-passed rows that count as one observation, since their errors are alike."""
-    return max(1.0, POLES / (BANDWIDTH * period))
-
-
-def follows(period: float) -> tuple[float, float]:
-    """a: how much of a larger and of a smaller residual the deviation takes up at each call."""
-    return 1.0 - math.exp(-period / RISE_TIME), 1.0 - math.exp(-period / FALL_TIME)
-
-
-def commands(max_delay_steps: int) -> int:
+def commands(period: float, max_delay_steps: int) -> int:
     """Commands to remember. Angles may be a call old whatever the longest delay is."""
-    return 2 * SPAN + max(max_delay_steps, 1)
+    return 2 * span(period) + max(max_delay_steps, 1)
 
 
 def prior(plant: Plant) -> tuple[np.ndarray, np.ndarray]:

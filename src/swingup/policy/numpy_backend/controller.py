@@ -14,6 +14,7 @@ from ..estimator.settings import default_estimator, own_estimator
 from ..guard.settings import GuardChoice, choose_guard
 from ..identifier import core as identifier
 from ..identifier.core import Found
+from ..identifier.settings import SHORTEST_STEP
 from ..pendulum import PendulumPolicy
 from ..regulator import core as regulator
 from ..shipped import load_policy
@@ -35,12 +36,14 @@ class NumpyPolicy:
         # All but the network computes in C.1's units.
         self._scales, self._rates, self._base = scales, np.array(own.state), np.array(scales.base)
         self.loop: estimator.Loop | None = None
+        self.shortest_pause = 0.0
         if policy.estimator is not None if estimated is None else estimated:
             finding, settings = None, own_estimator(policy.estimator or default_estimator(policy.plant), scales)
             if policy.identifier is not None:
                 times = settings.dt, settings.max_delay_steps
                 finding = identifier.make_loop(plant, joint, *times, scaled(policy.identifier, own))
             self.loop = estimator.make_loop(settings, plant, joint, finding, scales.time)
+            self.shortest_pause = SHORTEST_STEP * settings.dt * scales.time
         self._regulator: regulator.Loop | None = None
         if policy.regulator is not None:
             limit = policy.torque_limit / scales.torque
@@ -66,9 +69,9 @@ class NumpyPolicy:
                 self._tell()
             u = np.zeros(2)
             u[self._joint] = self._torque(x)
-        if self.loop is not None and self.found is not None:
-            u = u + self._scales.torque * estimator.compensation(NUMPY, self.loop, self.found.asked, x)
-        return u
+            if self.loop is not None and self.found is not None:
+                u = u + self._scales.torque * estimator.compensation(NUMPY, self.loop, self.found.asked, x)
+            return u
 
     def given(self, u: np.ndarray) -> None:
         """Note what the motors were given of the torques (2,) (N m)."""

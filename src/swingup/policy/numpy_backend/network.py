@@ -47,7 +47,7 @@ class NumpyNetwork:
     def __call__(self, x: np.ndarray) -> float:
         """The torque (N m) for a state of shape (4,); NaN where that is not finite."""
         # The clips of the observation would hide it.
-        if not np.isfinite(x).all():
+        if not all(map(math.isfinite, x.tolist())):
             return math.nan
         features = np.asarray(x, np.float64)
         for stage in self._stages:

@@ -79,10 +79,10 @@ def held(loop: Loop, theta: Any) -> Held:
 def regulate(maths: Maths, loop: Loop, state: RegulatorState, plant: Held, x: Any) -> tuple[RegulatorState, Number]:
     """The torque (N m) for a state x (4,), of meaning while the regulator acts."""
     P = loop.advanced(state.cost_to_go, plant.step)
-    P = maths.choose(maths.xp.isfinite(P).all(), lambda: P, maths.xp.asarray(loop.start, P.dtype))
+    P = maths.choose(maths.finite(P), lambda: P, maths.xp.asarray(loop.start, P.dtype))
     q1, q2, dq1, dq2 = maths.numbers(x)
     e = maths.nearest(q1 - math.pi), maths.nearest(q2), dq1, dq2
-    cost, finite, limit = loop.cost(P, e), maths.xp.isfinite(x).all(), loop.torque_limit
+    cost, finite, limit = loop.cost(P, e), maths.finite(x), loop.torque_limit
     within = maths.where(state.acting, cost <= plant.leave, cost < plant.enter)
     torque = maths.clip(loop.command(P, plant.step, e), -limit, limit)
     # The clip would make an infinite rate the largest torque.
