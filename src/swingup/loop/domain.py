@@ -50,7 +50,7 @@ MASSES = ("m2", "l1", "r2", "I1", "I2", "Ir", "gr")
 SESSIONS = ("excitation", "acrobot", "pendubot", "acrobot-pushed", "acrobot-iros", "pendubot-iros")
 """Sessions of the robot of design C.1, each with its fitted plant and loop: the domains ``session-...``."""
 
-SHIPPED = ("identified", "randomised", "recorded", "cells", *(f"session-{name}" for name in SESSIONS))
+SHIPPED = ("identified", "randomised", "recorded", "imperfect", "cells", *(f"session-{name}" for name in SESSIONS))
 """Domains that the package ships."""
 
 
