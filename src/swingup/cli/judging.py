@@ -108,7 +108,9 @@ def evaluate_command(
     wanted = estimator.get("estimator")
     if check:
         return _check(controller, robot, wanted, plant_of(plant))
-    on, disturbed = plant_of(plant) if plant else None, disturbance_of(disturbance)
+    # By its name, since a file may have ranges for the boards that draw plants.
+    on = plant_of(plant) if plant.get("frictionless") else plant.get("plant")
+    disturbed = disturbance_of(disturbance)
     boards, results = _boards(board, criteria, grid), []
     if save is not None:
         if len(boards) > 1 or not boards[0].keeps_rows:
