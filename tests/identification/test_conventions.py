@@ -118,6 +118,17 @@ def test_a_right_log_is_taken_as_it_is(tmp_path, table):
     assert find_columns(read_recording(write(tmp_path / "log.csv", table)), SETTING, START) is None
 
 
+def test_noise_is_no_convention(tmp_path, table):
+    noise = np.random.default_rng(0).normal(0.0, 0.01, (len(table), 2))
+    noisy = changed(table, lambda c: {"q1": c.q1 + noise[:, 0], "q2": c.q2 + noise[:, 1]})
+    assert find_columns(read_recording(write(tmp_path / "log.csv", noisy)), SETTING, START) is None
+
+
+def test_a_log_without_its_torques_is_no_free_fall(tmp_path, table):
+    recording = read_recording(write(tmp_path / "log.csv", table[:, :5], ",".join(NAMES[:5])))
+    assert "torques that are not in the log act" in find_columns(recording, SETTING, START).text
+
+
 def test_what_is_refused_can_be_forced(tmp_path, table):
     recording = read_recording(write(tmp_path / "log.csv", changed(table, lambda c: {"u1": c.u2, "u2": c.u1})))
     (note,) = check_columns(recording, SETTING, START, force=True)

@@ -28,6 +28,9 @@ from .unknowns import MASSES
 
 LIKELIER = math.log(2.0)
 """Difference of costs from which another reading is named: real logs have at most log 1.4."""
+GOOD, BETTER = 0.3, 0.7
+"""It must also leave less than this share of the motion unexplained, and of what the log as it is leaves: with much
+noise another reading may be likelier and no better."""
 PAIR_LIKELIER = math.log(1.5)
 """Difference of costs from which a pair is named rather than one convention."""
 SUSPICIOUS = 0.08
@@ -35,8 +38,9 @@ SUSPICIOUS = 0.08
 FOREIGN, UNPREDICTED = 0.3, 0.5
 """A log is refused above this unexplained share, if the better of start and regression also predicts the angles
 after 0.25 s with an error above this share of their motion."""
-LEAST_FREE_FALL = 0.06
-"""Unexplained share from which a log without torques, which wants masses at their bounds, is no free fall."""
+FREE_FALL = (0.1, 0.15)
+"""A log without torques is no free fall above this unexplained share, if masses end at their bounds or predictions
+have a larger error than this; recordings of free falls have 0.07 and 0.09."""
 MISMATCH = 1.5
 """Ratio of the angles' slopes to recorded velocities, or its inverse, that noise does not explain."""
 NOTABLE = 1.3
@@ -134,6 +138,8 @@ def find_columns(recording: Recording, setting: Integration, start: Float[np.nda
     """What is wrong with a log's columns, if anything is."""
     spans, driven = cut_spans(recording), any(recording.driven)
     conventions = [*CONVENTIONS, *_units(recording, setting)]
+    if not driven:
+        conventions = [each for each in conventions if "torque" not in each.group]
     if len(spans) < LEAST_SPANS:  # at rest, or in turns
         spans = cut_spans(recording, 1.0 / TURN)
         conventions = [each for each in conventions if np.array_equal(each.angles, TURN * _SAME)]
@@ -150,7 +156,7 @@ def find_columns(recording: Recording, setting: Integration, start: Float[np.nda
         pair, solution = min(((pair, scan.solve(pair, ages=1)) for pair in pairs), key=lambda each: each[1].cost)
         if solution.cost < found.cost - PAIR_LIKELIER:
             best, found = pair, solution
-    if found.cost < plain.cost - LIKELIER:
+    if found.cost < plain.cost - LIKELIER and found.unexplained < min(GOOD, BETTER * plain.unexplained):
         shares = f"as it is, {_share(plain)} of the motion stays unexplained, otherwise {_share(found)}"
         texts = " and ".join(dict.fromkeys(each.text for each in best))
         return Finding(f"{texts}: {shares}", remedy(recording, scan.reading(best)))
@@ -309,11 +315,15 @@ def _velocity_relations(
 def _check_foreign(
     recording: Recording, setting: Integration, start: np.ndarray, plain: Solution, driven: bool
 ) -> Finding | None:
-    if not driven and plain.bounded and plain.unexplained > LEAST_FREE_FALL:
+    least, largest = (FOREIGN, UNPREDICTED) if driven else FREE_FALL
+    if plain.unexplained < least:
+        return None
+    predicted = prediction_skill(recording, setting, start, plain.values) < largest
+    if not driven and (plain.bounded or not predicted):
         return Finding(
             f"torques that are not in the log act: without any, {_share(plain)} of the motion stays unexplained"
         )
-    if plain.unexplained < FOREIGN or prediction_skill(recording, setting, start, plain.values) < UNPREDICTED:
+    if predicted:
         return None
     return Finding(
         f"the pendulum is not near the starting plant: {_share(plain)} of the motion stays unexplained; "
