@@ -6,6 +6,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from swingup import AREAPO
+from swingup.cli import main
 from swingup.common.errors import SwingupError
 from swingup.continuing import CONTINUING
 from swingup.learner.run_settings import is_continuing
@@ -125,16 +126,22 @@ def test_refused():
             gymnasium.make("swingup/ContinuingHopper-v0", **arguments)
 
 
-def test_the_learner_counts_the_resets(tmp_path):
+def test_the_learner_counts_the_resets_and_the_command_shows_them(tmp_path, capsys):
     sizes = {"num_envs": 2, "num_steps": 100, "batch_size": 100, "num_epochs": 1}
     reports = []
     model = AREAPO("swingup/ContinuingHopper-v0", folder=tmp_path / "run", evaluate_every=400, **sizes)
-    model.learn(800, lambda _, report: reports.append(report))
+    model.learn(600, lambda _, report: reports.append(report))
     assert model.settings.checkpoint_every == 1_000_000
-    assert [report.frames for report in reports] == [400, 800]
+    assert [report.frames for report in reports] == [400, 600]
     row = reports[-1].rows[0]
     assert row["termination_rate"] > 0.005  # a hopper that has learnt nothing falls every 20 to 60 steps
     assert row["score"] == row["reward_rate"]
     assert (row["mean_length"], row["resets_per_1000_steps"] > 0) == (2000, True)
     assert model.evaluate(1)["reward_rate"] == row["reward_rate"]
     model.close()
+    assert main(["train", "--resume", str(tmp_path / "run"), "--frames", "800"]) == 0
+    table = [line.split() for line in capsys.readouterr().out.splitlines() if line.strip()]
+    assert table[0] == ["frames", "reward", "rate", "resets", "per", "1,000", "steps", "deterministic", "rate"]
+    assert [line[0] for line in table[2:5]] == ["400", "600", "800"]
+    assert float(table[3][1]) == pytest.approx(row["reward"], rel=1e-3)
+    assert float(table[3][3]) == pytest.approx(row["reward_rate"], rel=1e-3)
