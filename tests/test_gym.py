@@ -50,6 +50,20 @@ def test_gymnasiums_checker_passes(robot):
     check_env(made)
 
 
+def test_dm_controls_acrobot_by_its_ids():
+    dense, sparse = (gymnasium.make(f"swingup/AcrobotSwingup{kind}-v0").unwrapped for kind in ("", "Sparse"))
+    leaning = {"state": [np.pi + 0.3, 0.0, 0.0, 0.0]}
+    for env in (dense, sparse):
+        observation, _ = env.reset(seed=1, options=leaning)
+        np.testing.assert_allclose(observation, [np.sin(0.3)] * 2 + [np.cos(0.3)] * 2 + [0.0, 0.0], atol=1e-6)
+        assert env.observation_space.contains(observation)
+    rewards = [env.step(np.zeros(1, np.float32))[1] for env in (dense, sparse)]
+    # The tip is some 4 sin(0.15) = 0.6 m from its highest place.
+    assert rewards[0] == pytest.approx(0.1 ** (0.4**2), abs=0.01)
+    assert rewards[1] == 0.0
+    assert (dense.dt, dense.metadata["render_fps"]) == (0.01, 100)
+
+
 def test_id_with_module_registers_without_import_and_without_pillow():
     code = """if True:
         import sys, gymnasium

@@ -1,6 +1,7 @@
 """Gymnasium environments of the double pendulum: a thin adapter over this package's own task.
 
-Importing this module registers ``swingup/Acrobot-v0`` and ``swingup/Pendubot-v0``. An id may also name the module:
+Importing this module registers ``swingup/Acrobot-v0`` and ``swingup/Pendubot-v0``, and dm_control's acrobot as
+``swingup/AcrobotSwingup-v0`` and ``swingup/AcrobotSwingupSparse-v0``. An id may also name the module:
 ``gymnasium.make("swingup.gym:swingup/Acrobot-v0")``. ``gymnasium.make_vec`` gives one compiled batch of them.
 The task is continuing: it truncates itself at random and by its limit, never terminates, and needs no TimeLimit.
 """
@@ -26,8 +27,9 @@ from .common.types import Action, Key, Observation, State
 from .drawing import draw_frame
 from .plant.plant import LEADERBOARD, PlantLike
 from .plant.robots import ROBOTS
+from .tasks.acrobot_swingup import AcrobotSwingup
 from .tasks.pendulum import DIVERGED, AbstractPendulumTask, PendulumState
-from .tasks.presets import find_task
+from .tasks.presets import AnyPendulumTask, find_task
 from .tasks.task import Step
 
 RENDER_MODES = ["rgb_array"]
@@ -48,7 +50,7 @@ class Pendulums:
     """What one environment and a batch have in common; one is a batch of 1 to JAX."""
 
     metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 100}  # noqa: RUF012 (as gymnasium has it)
-    task: AbstractPendulumTask
+    task: AnyPendulumTask
     np_random: Any
     """Gymnasium's generator, from which the first key comes without a seed."""
     _count = 1
@@ -60,7 +62,11 @@ class Pendulums:
         return float(self.task.dt)
 
     def _prepare(
-        self, robot: str, task: str | AbstractPendulumTask, render_mode: str | None, plant: PlantLike
+        self,
+        robot: str,
+        task: str | AnyPendulumTask,
+        render_mode: str | None,
+        plant: PlantLike,
     ) -> tuple[Box, Box]:
         """Set all but the spaces: those of one environment's observations and actions are returned."""
         # With its numbers as arrays, which compiled functions take faster.
@@ -70,7 +76,9 @@ class Pendulums:
         self.render_mode = render_mode
         # A dict of its own: the class's is shared, and the rate follows the task.
         self.metadata = {**self.metadata, "render_fps": round(1 / self.dt)}
-        return Box(-1.0, 1.0, (self.task.observation_size,)), Box(-1.0, 1.0, (self.task.action_size,))
+        # Only the robots' own tasks bound the velocities.
+        most = 1.0 if isinstance(self.task, AbstractPendulumTask) else np.inf
+        return Box(-most, most, (self.task.observation_size,)), Box(-1.0, 1.0, (self.task.action_size,))
 
     def _start(
         self, seed: int | None, options: dict[str, Any] | None
@@ -117,7 +125,7 @@ class PendulumEnv(Pendulums, gymnasium.Env[np.ndarray, np.ndarray]):
     def __init__(
         self,
         robot: str,
-        task: str | AbstractPendulumTask = "paper",
+        task: str | AnyPendulumTask = "paper",
         render_mode: str | None = None,
         plant: PlantLike = LEADERBOARD,
     ) -> None:
@@ -186,7 +194,7 @@ class PendulumVectorEnv(Pendulums, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
         self,
         robot: str,
         num_envs: int = 1,
-        task: str | AbstractPendulumTask = "paper",
+        task: str | AnyPendulumTask = "paper",
         render_mode: str | None = None,
         plant: PlantLike = LEADERBOARD,
     ) -> None:
@@ -246,14 +254,14 @@ class PendulumVectorEnv(Pendulums, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
         return {"state": states, "_state": np.ones(self.num_envs, np.bool_)}
 
 
-def begin(task: AbstractPendulumTask, key: Key, start: State | None) -> tuple[Episode, Observation]:
+def begin(task: AnyPendulumTask, key: Key, start: State | None) -> tuple[Episode, Observation]:
     """Reset an environment, to the state ``start`` if there is one."""
     reset_key, next_key = jax.random.split(key)
     state = task.reset(reset_key) if start is None else PendulumState(x=start, steps=jnp.array(0))
     return Episode(state=state, action=jnp.zeros(task.action_size), key=next_key), task.observe(state)
 
 
-def advance(task: AbstractPendulumTask, episode: Episode, action: Action) -> tuple[Episode, Step[PendulumState]]:
+def advance(task: AnyPendulumTask, episode: Episode, action: Action) -> tuple[Episode, Step[PendulumState]]:
     """Step an environment; an episode that ends is not reset."""
     step_key, next_key = jax.random.split(episode.key)
     step = task.step(episode.state, action, step_key)
@@ -261,7 +269,7 @@ def advance(task: AbstractPendulumTask, episode: Episode, action: Action) -> tup
 
 
 def advance_and_reset(
-    task: AbstractPendulumTask, episode: Episode, action: Action
+    task: AnyPendulumTask, episode: Episode, action: Action
 ) -> tuple[Episode, Observation, Step[PendulumState]]:
     """Step an environment and reset it if it ends; the step is from before the reset, the rest from after it."""
     after, step = advance(task, episode, action)
@@ -317,4 +325,22 @@ for _robot in ROBOTS:
         entry_point=f"{__name__}:PendulumEnv",
         vector_entry_point=f"{__name__}:PendulumVectorEnv",
         kwargs={"robot": _robot},
+    )
+
+
+def acrobot_swingup(sparse: bool = False, **arguments: Any) -> PendulumEnv:
+    """dm_control's acrobot as an environment.
+
+    Args:
+        sparse: whether a step earns nothing outside the target.
+        arguments: others of :class:`PendulumEnv`.
+    """
+    return PendulumEnv("acrobot", AcrobotSwingup(sparse=sparse), **arguments)
+
+
+for _suffix, _sparse in {"": False, "Sparse": True}.items():
+    gymnasium.register(
+        id=f"swingup/AcrobotSwingup{_suffix}-v0",
+        entry_point=f"{__name__}:acrobot_swingup",
+        kwargs={"sparse": _sparse},
     )

@@ -9,23 +9,22 @@ import pytest
 
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.plant import load_plant
-from swingup.tasks.acrobot_swingup import CAPSULES, AcrobotSwingup
+from swingup.tasks.acrobot_swingup import (
+    CAPSULES,
+    MJCF,
+    AcrobotPractice,
+    AcrobotSwingup,
+    magnified,
+    winnable_starts,
+)
 from swingup.tasks.pendulum import PendulumState
-
-# Two capsules as MuJoCo has them, with the facts of the suite.
-MODEL = """<mujoco><option timestep="0.01" integrator="RK4"><flag constraint="disable"/></option>
-<default><joint type="hinge" axis="0 1 0" damping="0.05"/>
-<geom type="capsule" mass="1" fromto="0 0 0 0 0 1"/></default>
-<worldbody><body pos="0 0 2"><joint name="shoulder"/><geom size="0.05"/>
-<body pos="0 0 1"><joint name="elbow"/><geom size="0.049"/></body></body></worldbody>
-<actuator><motor joint="elbow" gear="2" ctrlrange="-1 1" ctrllimited="true"/></actuator></mujoco>"""
 
 
 def test_a_step_is_mujocos(x64, tmp_path):
     mujoco = pytest.importorskip("mujoco")
-    (tmp_path / "acrobot.xml").write_text(MODEL)
+    (tmp_path / "acrobot.xml").write_text(MJCF)
     assert load_plant(tmp_path / "acrobot.xml").values() == pytest.approx(CAPSULES.values(), rel=1e-15)
-    model = mujoco.MjModel.from_xml_string(MODEL)
+    model = mujoco.MjModel.from_xml_string(MJCF)
     data, random, step = mujoco.MjData(model), np.random.default_rng(0), jax.jit(rk4_step)
     for _ in range(100):
         angles, rates, action = random.uniform(-3, 3, 2), 4 * random.normal(size=2), random.uniform(-1, 1)
@@ -65,6 +64,20 @@ def test_observation_start_and_end():
     last = task.step(PendulumState(x, jnp.array(999)), jnp.zeros(1), jax.random.key(0))
     assert last.truncated
     assert not last.terminated
-    near = jax.vmap(AcrobotSwingup(near_top=1.0).reset)(jax.random.split(jax.random.key(1), 500)).x
-    # Half of the starts are within the middle distance, 0.1 times a Gaussian's size.
-    assert 0.3 < np.mean(np.abs(near[:, 1]) < 0.1) < 0.75
+
+
+def test_practice_observes_and_acts_as_the_task():
+    starts = winnable_starts(jax.random.key(0), 2000, 100, 0.5)
+    assert starts.shape[1] == 4
+    assert 1000 < len(starts) <= 2000
+    # Those of the shortest paths can be held, and are closer to upright than the others.
+    assert np.quantile(np.abs(starts[:, 1]), 0.2) < 0.01 < np.quantile(np.abs(starts[:, 1]), 0.8)
+    practice, task = AcrobotPractice(starts=starts, start_share=1.0), AcrobotSwingup()
+    state = practice.reset(jax.random.key(1))
+    assert np.any(np.all(starts == state.x, axis=1))
+    mine = practice.step(state, jnp.array([0]), jax.random.key(2))
+    step = task.step(state, jnp.array([-1.0]), jax.random.key(2))
+    np.testing.assert_array_equal(mine.state.x, step.state.x)
+    np.testing.assert_array_equal(mine.observation[:6], step.observation)
+    assert mine.observation[6] == pytest.approx(math.asinh(1000 * step.observation[0]), rel=1e-5)
+    np.testing.assert_allclose(magnified(np.asarray(step.observation)), mine.observation, rtol=1e-6)

@@ -1,19 +1,24 @@
 """dm_control's ``acrobot-swingup`` as a task in JAX: two equal links of 1 m, and a weak elbow.
 
-The motor has a tenth of gravity's torque on the stretched arm (C.1: 1.57), so that a swing-up takes many swings,
+The motor has a tenth of gravity's torque on the stretched arm (C.1: 1.57), so that a swing-up takes several swings,
 and only states within some 0.012 rad of a surface through upright can be held at all. Facts: DeepMind Control
-Suite (arXiv 1801.00690). A test compares a step with MuJoCo's.
+Suite (arXiv 1801.00690). A test compares a step with MuJoCo's. :class:`AcrobotPractice` is the same task as it is
+learnt.
 """
 
 import math
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Shaped
 
-from ..common.types import Action, Key, Observation, Scalar, State
+from ..common.types import Action, Key, Observation, Scalar, State, Torque
+from ..dynamics.dynamics import total_energy
 from ..dynamics.integrate import rk4_step
 from ..plant.plant import Plant
+from ..plant.robots import ROBOTS, Robot
 from .pendulum import PendulumState
 from .task import AbstractTask, Step
 
@@ -23,6 +28,14 @@ CAPSULES = Plant(
     b1=0.05, b2=0.05, cf1=0.0, cf2=0.0, g=9.81, tl1=0.0, tl2=2.0, name="dm_control's acrobot",
 )  # fmt: skip
 """The plant, from q1 = 0 hanging as everywhere in this package."""
+
+MJCF = """<mujoco><option timestep="0.01" integrator="RK4"><flag constraint="disable"/></option>
+<default><joint type="hinge" axis="0 1 0" damping="0.05"/>
+<geom type="capsule" mass="1" fromto="0 0 0 0 0 1"/></default>
+<worldbody><body pos="0 0 2"><joint name="shoulder"/><geom size="0.05"/>
+<body pos="0 0 1"><joint name="elbow"/><geom size="0.049"/></body></body></worldbody>
+<actuator><motor joint="elbow" gear="2" ctrlrange="-1 1" ctrllimited="true"/></actuator></mujoco>"""
+"""The same for MuJoCo, with the suite's numbers; there q1 = 0 is upright."""
 
 RADIUS = 0.2
 """Distance of the tip from its highest place within which a step earns 1 (m)."""
@@ -35,14 +48,29 @@ class AcrobotSwingup(AbstractTask[PendulumState]):
 
     sparse: bool = eqx.field(static=True, default=False)
     """Whether a step earns nothing outside the target."""
-    near_top: float = 0.0
-    """Share of the episodes that start near upright, at distances from 0.003 to 3 (rad; twice that in rad/s) of
-    which each power of ten is as likely. Not in dm_control: for training alone, since a swing-up hardly ever ends
-    where the pendulum can be held."""
     action_repeat: int = eqx.field(static=True, default=1)
     """Steps for which an action is held; the reward is their mean."""
     truncation_probability: float = 0.0
     """Probability of a random truncation after each action. Not in dm_control."""
+
+    @property
+    def robot(self) -> Robot:
+        """The acrobot."""
+        return ROBOTS["acrobot"]
+
+    @property
+    def parameters(self) -> Plant:
+        """The plant."""
+        return CAPSULES
+
+    @property
+    def dt(self) -> float:
+        """Time of an action (s)."""
+        return 0.01 * self.action_repeat
+
+    def torque(self, action: Action) -> Torque:
+        """Torques [u1, u2] (N m) of an action in [-1, 1]."""
+        return jnp.append(jnp.zeros(1), CAPSULES.tl2 * action)
 
     @property
     def observation_size(self) -> int:
@@ -55,15 +83,9 @@ class AcrobotSwingup(AbstractTask[PendulumState]):
         return 1
 
     def reset(self, key: Key) -> PendulumState:
-        """Both angles uniform, at rest; or near upright."""
-        uniform, normal, distance, choice = jax.random.split(key, 4)
-        angles = jax.random.uniform(uniform, (2,), minval=-math.pi, maxval=math.pi)
-        scale = 10.0 ** jax.random.uniform(distance, minval=-2.5, maxval=0.5)
-        near = jnp.array([math.pi, 0.0, 0.0, 0.0]) + scale * jax.random.normal(normal, (4,)) * jnp.array(
-            [1, 1, 2, 2]
-        )
-        at_top = jax.random.bernoulli(choice, self.near_top)
-        return PendulumState(x=jnp.where(at_top, near, jnp.append(angles, jnp.zeros(2))), steps=jnp.array(0))
+        """Both angles uniform, at rest."""
+        angles = jax.random.uniform(key, (2,), minval=-math.pi, maxval=math.pi)
+        return PendulumState(x=jnp.append(angles, jnp.zeros(2)), steps=jnp.array(0))
 
     def observe(self, state: PendulumState) -> Observation:
         """Horizontal, then vertical directions of both links (1 upright), then the joints' velocities (rad/s)."""
@@ -81,7 +103,7 @@ class AcrobotSwingup(AbstractTask[PendulumState]):
 
     def step(self, state: PendulumState, action: Action, key: Key) -> Step[PendulumState]:
         """Hold the elbow's torque; RK4 as in dm_control, whose steps are of 10 ms."""
-        u = jnp.append(jnp.zeros(1), CAPSULES.tl2 * action)
+        u = self.torque(action)
 
         def hold(x: State, _: None) -> tuple[State, Scalar]:
             x = rk4_step(CAPSULES, x, u, 0.01)
@@ -92,3 +114,109 @@ class AcrobotSwingup(AbstractTask[PendulumState]):
         at_random = jax.random.bernoulli(key, self.truncation_probability)
         truncated = at_random | (after.steps >= 1000)
         return Step(after, self.observe(after), jnp.mean(rewards), jnp.array(False), truncated)
+
+
+MAGNIFICATION = (1000.0, 1000.0, 300.0, 300.0)
+"""Factors of the links' horizontal directions and of the velocities (s/rad): what can be held becomes 10 wide."""
+HIGHEST_ENERGY = 2.0
+"""Most energy of a winnable start above that of upright (J): more must be braked away first."""
+
+
+class AcrobotPractice(AcrobotSwingup):
+    """The task as a policy learns it: three torques, an observation that is sharp near upright, starts of its own.
+
+    What such a policy does in the task itself: :func:`magnified` what it observes, :func:`torque_of` what it chose.
+    """
+
+    starts: Float[Array, "n 4"] | None = None
+    """States to start from (rad, rad/s), such as :func:`winnable_starts`."""
+    start_share: float = 0.0
+    """Share of the episodes that start in one of them."""
+
+    @property
+    def choices(self) -> tuple[int, ...]:
+        """Three torques: the best controls are at the limits, where a squashed Gaussian loses its entropy."""
+        return (3,)
+
+    @property
+    def observation_size(self) -> int:
+        """Ten: see :func:`magnified`."""
+        return 10
+
+    def reset(self, key: Key) -> PendulumState:
+        """As in the task, or in one of the starts."""
+        usual, which, chance = jax.random.split(key, 3)
+        state = super().reset(usual)
+        if self.starts is None:
+            return state
+        start = jax.random.choice(which, self.starts)
+        at_start = jax.random.bernoulli(chance, self.start_share)
+        return PendulumState(x=jnp.where(at_start, start, state.x), steps=state.steps)
+
+    def observe(self, state: PendulumState) -> Observation:
+        """The task's observation, then the magnified one."""
+        return magnified(super().observe(state))
+
+    def step(self, state: PendulumState, action: Action, key: Key) -> Step[PendulumState]:
+        """Hold a chosen torque."""
+        return super().step(state, torque_of(action).astype(jnp.float32), key)
+
+
+def magnified(observation: Float[Any, "*b 6"]) -> Float[Any, "*b 10"]:
+    """The task's observation o, then arsinh(k o) of what vanishes upright: a logarithmic scale, linear near 0."""
+    xp = observation.__array_namespace__()
+    small = xp.concatenate([observation[..., :2], observation[..., 4:]], axis=-1)
+    factors = xp.asarray(MAGNIFICATION, dtype=small.dtype)
+    return xp.concatenate([observation, xp.asinh(factors * small)], axis=-1)
+
+
+def torque_of(choice: Shaped[Any, "..."]) -> Shaped[Any, "..."]:
+    """The task's action of one of the three choices: -1, 0 or 1."""
+    return choice - 1
+
+
+def winnable_starts(key: Key, number: int, longest: int, even: float) -> Float[Array, "n 4"]:
+    """States from which some torque leads upright: found backwards in time, from upright with random torques.
+
+    Backwards, the directions that run away from upright draw near it, and random torques spread the states over all
+    that can still be held. Some of the paths only ever give energy, forwards, and so begin low.
+
+    Args:
+        key: randomness.
+        number: states at most; those that are too fast are left out.
+        longest: steps of 10 ms to upright at most.
+        even: share of the states whose time to upright is uniform; the others' logarithm is.
+
+    Returns:
+        About ``number`` states (rad, rad/s).
+    """
+    keys = jax.random.split(key, 9)
+    paths = 4096
+    giving = jnp.clip(jax.random.uniform(keys[0], (paths,), minval=-0.5, maxval=1.5), 0.0, 1.0)
+    changing = 10.0 ** jax.random.uniform(keys[1], (paths,), minval=-2.0, maxval=0.0)
+    strength = jnp.sqrt(jax.random.uniform(keys[2], (paths,)))
+
+    def backwards(carry: tuple[Array, Array], key: Key) -> tuple[tuple[Array, Array], Array]:
+        x, level = carry
+        change, draw, give = jax.random.split(key, 3)
+        drawn = jax.random.uniform(draw, (paths,), minval=-1.0, maxval=1.0)
+        level = jnp.where(jax.random.bernoulli(change, changing), drawn, level)
+        gives = jax.random.bernoulli(give, giving) & (jnp.abs(x[:, 3]) > 0.5)
+        u2 = CAPSULES.tl2 * strength * jnp.where(gives, jnp.sign(x[:, 3]), level)
+        u = jnp.stack([jnp.zeros(paths), u2], axis=-1)
+        x = jax.vmap(lambda x, u: rk4_step(CAPSULES, x, u, -0.01))(x, u)
+        return (x, level), x
+
+    upright = jnp.array([math.pi, 0.0, 0.0, 0.0]) + 1e-3 * jax.random.normal(keys[3], (paths, 4))
+    _, states = jax.lax.scan(backwards, (upright, jnp.zeros(paths)), jax.random.split(keys[4], longest))
+    log_time = jax.random.uniform(keys[5], (number,), maxval=math.log(longest))
+    evenly = jax.random.randint(keys[6], (number,), 0, longest)
+    is_even = jax.random.bernoulli(keys[7], even, (number,))
+    times = jnp.where(is_even, evenly, jnp.floor(jnp.exp(log_time)).astype(int) - 1)
+    found = states[times, jax.random.randint(keys[8], (number,), 0, paths)]
+    return found[jax.vmap(_is_slow)(found)]
+
+
+def _is_slow(x: State) -> Bool[Array, ""]:
+    upright = jnp.array([math.pi, 0.0, 0.0, 0.0])
+    return total_energy(CAPSULES, x) < total_energy(CAPSULES, upright) + HIGHEST_ENERGY

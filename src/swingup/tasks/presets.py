@@ -14,11 +14,15 @@ from ..loop.supervisors.throws import thrown_states
 from ..plant.plant import LEADERBOARD, PlantLike, load_plant
 from ..plant.robots import Robot, get_robot
 from ..plant.units import scaled, scales_of
+from .acrobot_swingup import AcrobotSwingup
 from .observation import PendulumStage
 from .pendulum import AbstractPendulumTask, PendulumTask
 from .recovery import RecoveryTask
 
+AnyPendulumTask = AbstractPendulumTask | AcrobotSwingup
+"""A task of a double pendulum, of a robot's or of dm_control's."""
 TaskT = TypeVar("TaskT", bound=AbstractPendulumTask)
+GivenT = TypeVar("GivenT", bound=AnyPendulumTask)
 
 STARTS_SEED = 0
 """Seed of the states that the global task begins in."""
@@ -95,7 +99,7 @@ def get_task(name: str, robot: Robot, plant: PlantLike = LEADERBOARD) -> Abstrac
     return TASKS[one_of("task", name, TASKS)](robot, plant)
 
 
-def find_task(task: str | AbstractPendulumTask, robot: str, plant: PlantLike = LEADERBOARD) -> AbstractPendulumTask:
+def find_task(task: str | GivenT, robot: str, plant: PlantLike = LEADERBOARD) -> AbstractPendulumTask | GivenT:
     """A task for a robot's environment, by name or passed in.
 
     Args:
