@@ -95,7 +95,7 @@ READERS = {
 LONGEST = 2000
 """Characters of a message."""
 LONGEST_READ = 20.0
-"""s"""
+"""s of the processor's time: others may be busy."""
 
 
 class Overtime(BaseException):
@@ -129,7 +129,7 @@ def campaign(seed, reads, folder, kinds=tuple(KINDS)):
         Reads of each kind, and faults with their files.
     """
     generator, counts, faults = random.Random(seed), collections.Counter(), []
-    before = signal.signal(signal.SIGALRM, _stop)
+    before = signal.signal(signal.SIGPROF, _stop)
     for number in range(reads):
         kind = kinds[number % len(kinds)]
         data = KINDS[kind].make(generator)
@@ -137,15 +137,15 @@ def campaign(seed, reads, folder, kinds=tuple(KINDS)):
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(data)
         read = generator.choice(READERS[kind])
-        signal.setitimer(signal.ITIMER_REAL, LONGEST_READ)
+        signal.setitimer(signal.ITIMER_PROF, LONGEST_READ)
         fault = fault_of(read, path)
-        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.setitimer(signal.ITIMER_PROF, 0)
         counts[kind] += 1
         if fault is not None:
             kept = folder / f"fault-{number}-{KINDS[kind].file}"
             kept.write_bytes(data)
             faults.append(f"{kind}, read {number} of seed {seed}: {fault} ({kept})")
-    signal.signal(signal.SIGALRM, before)
+    signal.signal(signal.SIGPROF, before)
     return {"reads": dict(counts), "faults": faults}
 
 

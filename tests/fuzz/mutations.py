@@ -98,7 +98,7 @@ def other_array(random, array):
     kind = random.choice(["type", "shape", "value", "order"])
     with np.errstate(all="ignore"):
         if kind == "type":
-            return array.astype(random.choice(["U5", "S5", "i4", "u1", "f2", "f8", "c16", "?", ">f4", ">f8"]))
+            return array.astype(random.choice(["U5", "S5", "i4", "u1", "f2", "f8", "c16", "?", ">f4", ">f8", "g"]))
         if kind == "shape":
             shape = random.choice(
                 [(), (0,), (1,), (0, 4), (4, 0), (1, 1, 1), (3,), (1,) * 32, (100_000,), (1, 9999)]

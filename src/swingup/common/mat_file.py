@@ -55,7 +55,7 @@ def _elements(data: bytes, order: str, most: int = 0) -> Iterator[tuple[int, byt
             raise ValueError("an element is longer than the file")
         part = data[start : start + size]
         place = place + 8 if start == place + 4 else start + size
-        if kind == COMPRESSED:
+        if kind == COMPRESSED and most:  # only whole variables are compressed: what else says so is damaged
             unpacker = zlib.decompressobj()
             unpacked = unpacker.decompress(part, most)
             if unpacker.unconsumed_tail:

@@ -124,7 +124,10 @@ def _separator(lines: list[str]) -> tuple[str, str]:
 def _split(line: str, separator: str) -> list[str]:
     if '"' in line:
         line = line.strip()
-        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+        try:
+            cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+        except csv.Error:  # a quote that does not end before a field's largest size
+            cells = line.split(separator)
     else:
         cells = line.split() if separator == " " else line.split(separator)
     return [cell.strip() for cell in cells]
