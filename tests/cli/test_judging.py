@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 
 import pytest
 import yaml
@@ -242,9 +243,10 @@ def test_the_real_robots_boards(run, run_json, tmp_path, change_boards, entrants
     words = "evaluate pendubot --board sim2real --controller lqr --seeds 2"
     out = run(words, "--save", "run.csv")
     assert "pendubot, lqr (board sim2real, domain recorded, seed 0 to 1)" in out
-    assert "2 failed, never up (seed 0, 1): never up: the tip reached" in out
+    assert re.search(r"  2 failed, [a-z ]+ \(seed 0, 1\): ", out)
     assert "Success                         0 of 2   (0% to 66%)" in out
-    assert len((tmp_path / "run.csv").read_text().splitlines()) == 5001
+    last = (tmp_path / "run.csv").read_text().splitlines()[-1]
+    assert float(last.partition(",")[0]) == pytest.approx(10.0, abs=0.01)  # the loop's periods vary
     result = run_json(words)
     assert (result["successes"], result["estimator"], result["domain"]["delay"]) == (0, False, [0.002, 0.002])
     change_boards("icra-real", duration=1.0, throws=1, first=0.5, jitter=0.1, runs=2)
