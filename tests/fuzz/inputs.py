@@ -12,8 +12,7 @@ from scipy.io import savemat
 
 from swingup.learner.presets import get_preset
 from swingup.learner.run_settings import RunSettings
-from swingup.plant.model_files.mjcf import write_mjcf
-from swingup.plant.model_files.urdf import write_urdf
+from swingup.plant.model_files.writers import write_mjcf, write_urdf
 from swingup.plant.plant import load_plant
 
 from .mutations import EXTREMES, LINES, damage, mutate, several, spoilt_arrays

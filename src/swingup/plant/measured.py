@@ -50,6 +50,8 @@ def measured_plant(
     """
     given = {one_of("value", name, (*NAMES, *MORE_NAMES)): value for name, value in (values or {}).items()}
     given = {name: finite_number(name, value) for name, value in given.items()}
+    if not given.get("gr", 1.0) > 0:
+        raise SwingupError(f"gr = {given['gr']:g} must be positive")
     known, notes, name = _known(source, given, inertia)
     facts = known | {each: value for each, value in given.items() if each in NAMES}
     if "motor" in given:

@@ -14,8 +14,9 @@ from ...common.text import one_line
 from ...common.version import __version__
 from ...common.xml_tree import attributes_of, read_tree
 from .bodies import READINGS, Model, without_rotors
-from .mjcf import read_mjcf, write_mjcf
-from .urdf import OURS, read_urdf, write_urdf
+from .mjcf import read_mjcf
+from .urdf import OURS, read_urdf
+from .writers import write_mjcf, write_urdf
 
 READERS = {"robot": read_urdf, "mujoco": read_mjcf}
 """Readers by the tag of the outermost element."""
@@ -77,6 +78,8 @@ def write_model(path: str | Path, name: str, bodies: Mapping[str, float], plant:
             raise SwingupError(
                 f"cannot write {path}: {fact} = {bodies[fact]:g} is negative, which model files may not have"
             )
+    if not bodies["gr"] > 0:
+        raise SwingupError(f"cannot write {path}: gr = {bodies['gr']:g} must be positive")
     if not is_buildable(bodies):
         raise SwingupError(
             f"cannot write {path}: no bodies move as this plant does, whose inertias are below m r²; raise I2"

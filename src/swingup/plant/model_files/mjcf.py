@@ -8,14 +8,14 @@ speed; a plant's, cf arctan(100 q̇), tends to cf π/2.
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from ...common.errors import SwingupError
 from ...common.text import one_line, quoted
 from ...common.xml_tree import Attributes
-from .bodies import Body, Hinge, Model, Part, double_pendulum, without_rotors
+from .bodies import Body, Hinge, Model, Part, double_pendulum
 from .frames import TURNS, Frame, mjcf_rotation, turn_onto, unit
 from .shapes import SIZES, ends, inertia, volume
 
@@ -103,43 +103,6 @@ def read_mjcf(root: Element, about: str | None, gear: float | None) -> Model:
     return double_pendulum(reading.bodies, gravity, gear or found_gear, reading.notes, about, asked=False)
 
 
-def write_mjcf(name: str, plant: Mapping[str, float]) -> Element:
-    """An MJCF of a plant that hangs at rest where the joints' angles are 0; it moves as the plant.
-
-    Args:
-        name: of the model.
-        plant: its numbers.
-    """
-    I1, I2, *armatures = without_rotors(plant)
-    root = Element("mujoco", model=name)
-    SubElement(root, "compiler", angle="radian", autolimits="true")
-    SubElement(root, "option", gravity=f"0 0 {-plant['g']!r}", timestep="0.002", integrator="RK4")
-    holder, drop = SubElement(root, "worldbody"), 0.0
-    motors = Element("actuator")
-    for number, (joint, own) in enumerate((("shoulder", I1), ("elbow", I2)), 1):
-        m, l, r, b, cf, tl = (plant[f"{each}{number}"] for each in ("m", "l", "r", "b", "cf", "tl"))  # noqa: E741
-        holder = SubElement(holder, "body", name=f"link{number}", pos=f"0 0 {-drop!r}")
-        SubElement(
-            holder, "joint", name=joint, axis="1 0 0", damping=repr(b), frictionloss=repr(AT_SPEED * cf),
-            armature=repr(armatures[number - 1]),
-        )  # fmt: skip
-        about = repr(own - m * r**2)
-        SubElement(holder, "inertial", pos=f"0 0 {-r!r}", mass=repr(m), diaginertia=f"{about} {about} {about}")
-        line = f"0 0 0 0 0 {-l!r}"
-        SubElement(
-            holder, "geom", type="capsule", fromto=line, size=repr(l / 40), mass="0", contype="0", conaffinity="0"
-        )
-        if tl > 0:
-            top = tl / plant["gr"]
-            SubElement(
-                motors, "motor", name=joint, joint=joint, gear=repr(plant["gr"]), ctrlrange=f"{-top!r} {top!r}"
-            )
-        drop = l
-    SubElement(holder, "site", name="tip", pos=f"0 0 {-drop!r}")
-    root.append(motors)
-    return root
-
-
 def _check_elements(root: Element, reading: _Reading) -> None:
     """Note what is not read, and refuse what changes the motion."""
     for element in root.iter():
@@ -210,8 +173,8 @@ def _read_motors(root: Element, reading: _Reading) -> float:
             reading.notes.append(f"of <{element.tag}> {name} only the force range is read")
         if given.text("dyntype", "none") != "none":
             reading.notes.append(f"left out: the dynamics of <{element.tag}> {name}")
-        gain = given.numbers("gainprm", np.eye(1, 10)[0], 1)[0] if element.tag == "general" else 1.0
-        ratio = abs(given.numbers("gear", np.eye(1, 6)[0], 1)[0]) or 1.0
+        gain = float(given.numbers("gainprm", np.eye(1, 10)[0], 1)[0]) if element.tag == "general" else 1.0
+        ratio = abs(float(given.numbers("gear", np.eye(1, 6)[0], 1)[0])) or 1.0
         most = _end_of(given, "force", reading)
         most = min(most, abs(gain) * _end_of(given, "ctrl", reading)) if plain else most
         reading.limits[joint] = reading.limits.get(joint, 0.0) + ratio * most

@@ -5,14 +5,14 @@ as a plant's cf, as RealAIGym's files mean it.
 """
 
 from collections.abc import Mapping
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from ...common.errors import SwingupError
 from ...common.text import quoted
 from ...common.xml_tree import Attributes, attributes_of
-from .bodies import Body, Hinge, Model, Part, double_pendulum, without_rotors
+from .bodies import Body, Hinge, Model, Part, double_pendulum
 from .frames import Frame, rpy_frame, unit
 from .shapes import SIZES, ends
 
@@ -24,12 +24,6 @@ OURS = "swingup"
 
 KNOWN = ("link", "joint", "frame", "transmission", "material", OURS)
 """Elements that are read, or say nothing of the motion."""
-
-BASE, LINK1, LINK2, TIP = "base", "link1", "link2", "tip"
-"""Names in files that are written."""
-
-SPEED = 1000.0
-"""The speed limit that a written joint must have (rad/s), beyond what a pendulum reaches."""
 
 
 def read_urdf(root: Element, inertia: str | None, gear: float | None) -> Model:
@@ -77,54 +71,6 @@ def read_urdf(root: Element, inertia: str | None, gear: float | None) -> Model:
     gravity = np.array([0.0, 0.0, -(own.number("gravity", GRAVITY) if own else GRAVITY)])
     about = inertia or (own and own.text("inertia")) or None
     return double_pendulum(bodies, gravity, gear or found_gear, notes, about, asked=True)
-
-
-def write_urdf(name: str, plant: Mapping[str, float]) -> Element:
-    """A URDF of a plant that hangs at rest where the joints' angles are 0.
-
-    Args:
-        name: of the robot.
-        plant: its numbers, of which gravity has no place.
-    """
-    I1, I2, *armatures = without_rotors(plant)
-    root = Element("robot", {"name": name, "xmlns:drake": "http://drake.mit.edu"})
-    SubElement(root, OURS, gravity=repr(plant["g"]), inertia="centre")
-    SubElement(root, "link", name=BASE)
-    parents, drops = (BASE, LINK1), (0.0, plant["l1"])
-    for number, (link, own) in enumerate(((LINK1, I1), (LINK2, I2)), 1):
-        mass, length, centre = (plant[f"{each}{number}"] for each in ("m", "l", "r"))
-        body = SubElement(root, "link", name=link)
-        inertial = SubElement(body, "inertial")
-        SubElement(inertial, "origin", xyz=f"0 0 {-centre!r}")
-        SubElement(inertial, "mass", value=repr(mass))
-        about = repr(own - mass * centre**2)
-        SubElement(inertial, "inertia", ixx=about, ixy="0", ixz="0", iyy=about, iyz="0", izz=about)
-        visual = SubElement(body, "visual")
-        SubElement(visual, "origin", xyz=f"0 0 {-length / 2!r}")
-        SubElement(SubElement(visual, "geometry"), "cylinder", length=repr(length), radius=repr(length / 40))
-        joint = _joint(root, f"joint{number}", "continuous", parents[number - 1], link, drops[number - 1])
-        SubElement(joint, "axis", xyz="1 0 0")
-        SubElement(joint, "limit", effort=repr(plant[f"tl{number}"]), velocity=repr(SPEED))
-        SubElement(joint, "dynamics", damping=repr(plant[f"b{number}"]), friction=repr(plant[f"cf{number}"]))
-    SubElement(root, "link", name=TIP)
-    _joint(root, f"{TIP}_joint", "fixed", LINK2, TIP, plant["l2"])
-    for number, armature in enumerate(armatures, 1):
-        transmission = SubElement(root, "transmission", name=f"transmission{number}")
-        SubElement(transmission, "type").text = "transmission_interface/SimpleTransmission"
-        SubElement(transmission, "joint", name=f"joint{number}")
-        motor = SubElement(transmission, "actuator", name=f"motor{number}")
-        SubElement(motor, "mechanicalReduction").text = repr(plant["gr"])
-        SubElement(motor, "drake:gear_ratio", value=repr(plant["gr"]))
-        SubElement(motor, "drake:rotor_inertia", value=repr(armature / plant["gr"] ** 2))
-    return root
-
-
-def _joint(root: Element, name: str, kind: str, parent: str, child: str, drop: float) -> Element:
-    joint = SubElement(root, "joint", name=name, type=kind)
-    SubElement(joint, "parent", link=parent)
-    SubElement(joint, "child", link=child)
-    SubElement(joint, "origin", xyz=f"0 0 {-drop!r}")
-    return joint
 
 
 def _named(root: Element, tag: str) -> dict[str, Element]:
@@ -185,7 +131,7 @@ def _hinge(joint: Element, driven: Mapping[str, float], notes: list[str]) -> Hin
     friction = 0.0 if dynamics is None else dynamics.number("friction", 0.0)
     if friction:
         notes.append(
-            f"friction of joint {quoted(name)} is taken as cf = {friction:g} N m, π/2 of which act at speed"
+            f"friction of joint {quoted(name)} is taken as cf = {friction:g} N m, of which π/2 times acts at speed"
         )
     return Hinge(
         name,
