@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..common.types import Scalar
+from .average import mean
 from .config import Config
 from .normalise import RunningStatistics
 from .state import LearnerState, Rollout
@@ -36,7 +37,7 @@ def scale_rewards(state: LearnerState, rollout: Rollout, config: Config) -> tupl
         return state, rollout
     old, former = state.reward_statistics, reward_unit(state)
     new = old.update_all(rollout.rewards, rollout.counted)
-    sums = state.sum_statistics.update_all(fading_sums(rollout, new, config), rollout.counted)
+    sums = state.sum_statistics.update_all(fading_sums(rollout, config), rollout.counted)
     state = replace(state, reward_statistics=new, sum_statistics=sums)
     # Before the first reward there is no unit: an untrained critic's values are in units of σ, whatever that is.
     unit, known = reward_unit(state), old.count > 0
@@ -58,9 +59,15 @@ def reward_unit(state: LearnerState) -> Scalar:
     return jnp.maximum(deviation(state.reward_statistics), jnp.sqrt(state.sum_statistics.variance))
 
 
-def fading_sums(rollout: Rollout, rewards: RunningStatistics, config: Config) -> Float[Array, "steps envs"]:
-    """Σ (γλ)^k (r_{t-k} - m) over the steps of a rollout until each step, from 0 after a reset."""
-    centred = (rollout.rewards - rewards.origin) - rewards.difference
+def fading_sums(rollout: Rollout, config: Config) -> Float[Array, "steps envs"]:
+    """Σ (γλ)^k (r_{t-k} - m) over the steps of a rollout until each step, from 0 after a reset.
+
+    m is the rollout's mean. Beside the mean of all rewards so far, what the policy gained by learning would add up:
+    the unit would grow, and the temperature with it.
+    """
+    # Less the first reward, so that single precision keeps small differences of large rewards.
+    differences = rollout.rewards - rollout.rewards[0, 0]
+    centred = differences - mean(differences, rollout.counted)
     fading = config.discount[0] * config.gae_lambda[0] * (1.0 - (rollout.terminated | rollout.truncated))
 
     def add(before: Array, step: tuple[Array, Array]) -> tuple[Array, Array]:
