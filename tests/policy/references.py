@@ -120,7 +120,7 @@ def policy(name):
     if name == TOLD:
         near = RegulatorSettings(enter=5.0, leave=50.0, enter_coulomb=0.1, leave_coulomb=0.05)
         estimator = EstimatorSettings()
-        identifier = IdentifierSettings()
+        identifier = IdentifierSettings(load_deviation=0.05, spring_deviation=0.02)
         return dataclasses.replace(policy(SIGHTED), estimator=estimator, identifier=identifier, regulator=near)
     if name == SIGHTED:
         return policy_of(sighted_policy())

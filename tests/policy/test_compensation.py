@@ -14,13 +14,15 @@ from swingup.plant.equations import friction, lump
 from swingup.plant.maths import NUMPY
 from swingup.plant.plant import load_plant
 from swingup.policy.identifier import core
-from swingup.policy.identifier.compensation import LEAST_GAIN, compensation, predicted
+from swingup.policy.identifier.compensation import LEAST_GAIN, Load, compensation, predicted
 from swingup.policy.identifier.settings import GAIN, IdentifierSettings, offsets, prior
 from swingup.policy.plant_facts import policy_plant
 
 DT, FINE = 0.002, 4
 FOUND = Friction((0.02, 0.1), (0.3, -0.06))
 """The elbow's Coulomb friction is negative."""
+LOADED = IdentifierSettings(load_deviation=0.05, spring_deviation=0.02)
+"""Expects springs and constant torques."""
 
 
 @pytest.mark.parametrize(
@@ -85,14 +87,14 @@ def test_gravity_on_no_link_tells_no_offset():
         assert named in refusal(prior, SimpleNamespace(**{**plant, name: value}))
 
 
-def moved(robot, plant, gain=1.0, wrong=(0.0, 0.0), steps=1200):
+def moved(robot, plant, gain=1.0, wrong=(0.0, 0.0), steps=1200, load=None):
     """What an identifier finds on a plant that swings under torques.
 
     The undriven joint's motor has the compensation's commands and some gain. Measured angles are wrong by offsets
-    (rad).
+    (rad). Springs and cables may load the joints.
     """
     nominal = policy_plant(load_plant("C.1"), robot)
-    loop = core.make_loop(nominal, robot.joint, DT, 25, IdentifierSettings())
+    loop = core.make_loop(nominal, robot.joint, DT, 25, IdentifierSettings() if load is None else LOADED)
     lumped, x, passive, limit = lump(plant), (0.0,) * 4, 1 - robot.joint, loop.passive_limit
     state = core.begin(NUMPY, loop)
     for step in range(steps):
@@ -103,7 +105,10 @@ def moved(robot, plant, gain=1.0, wrong=(0.0, 0.0), steps=1200):
         u[passive] = np.clip(friction(b, cf, x[2 + passive], math.atan), -limit, limit)
         state = core.remember(NUMPY, state, u.copy())
         u[passive] *= gain
+        applied = u
         for _ in range(FINE):
+            if load is not None:
+                u = applied - load.at(*x[:2])
             x = damped_midpoint_step(lumped, plant.friction, x, u.tolist(), DT / FINE, NUMPY)
     return state, core.found(NUMPY, loop, state)
 
@@ -120,6 +125,18 @@ def test_it_finds_the_offsets(either_robot):
     _, found = moved(either_robot, plant, wrong=wrong)
     np.testing.assert_allclose(found.offsets, wrong, rtol=0, atol=0.002)
     np.testing.assert_allclose(found.theta[:4], base_parameters(plant)[:4], rtol=0.01)
+
+
+def test_it_finds_springs_and_constant_torques(either_robot):
+    """A motor carries all of its own joint's load; a compensating one carries it as the driven one would."""
+    load = Load((0.05, -0.03), (0.03, 0.02))
+    _, found = moved(either_robot, changed(either_robot, 0.15), load=load)
+    np.testing.assert_allclose(found.carried.constant, load.constant, rtol=0, atol=0.01)
+    # About hanging a spring at the shoulder looks like a little more of gravity.
+    np.testing.assert_allclose(found.carried.spring, load.spring, rtol=0, atol=0.02)
+    left = found.load.at(1.0, 1.0)
+    assert left[either_robot.joint] == sum(pair[either_robot.joint] for pair in found.carried)
+    assert left[1 - either_robot.joint] == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("gain", [0.85, 0.0])

@@ -31,6 +31,7 @@ GRID = np.array([0.1, 0.1, 0.2, 0.2, 1e-4])
 """The benchmark's half ranges of friction and rotor."""
 UNCOMPENSATED = IdentifierSettings(passive_limit=0)
 """For commands of 0 to the undriven joint's motor, whatever friction is found there."""
+LOADED = dataclasses.replace(UNCOMPENSATED, load_deviation=0.05, spring_deviation=0.02)
 
 
 EVEN = np.full(STEPS, DT)
@@ -48,9 +49,9 @@ class Rest(AbstractController):
 
 
 @functools.cache
-def programs():
+def programs(settings=UNCOMPENSATED):
     """A motion of a plant under swinging torques on the elbow, and what is found from angles and commands."""
-    loop = core.make_loop(NOMINAL, ROBOT.joint, DT, 25, UNCOMPENSATED)
+    loop = core.make_loop(NOMINAL, ROBOT.joint, DT, 25, settings)
     t = jnp.arange(STEPS) * DT
     command = jnp.stack([jnp.zeros(STEPS), 1.5 * jnp.sin(6.5 * t) + jnp.sin(15 * t + 1)], axis=1)
 
@@ -79,9 +80,11 @@ def measured(plant, delay_steps=0, push=None):
     return np.concatenate([np.zeros((delay_steps, 2)), q])[:STEPS], command
 
 
-def found(plant, change=lambda q: q, delay_steps=0, told=0, break_at=-1, push=None, periods=EVEN):
+def found(
+    plant, change=lambda q: q, delay_steps=0, told=0, break_at=-1, push=None, periods=EVEN, settings=UNCOMPENSATED
+):
     """The final memory and the unknowns of all steps, for angles changed on their way to the identifier."""
-    loop, _, _, find = programs()
+    loop, _, _, find = programs(settings)
     q, command = measured(plant, delay_steps, push)
     memory, unknowns = find(jnp.asarray(change(q)), command, jnp.broadcast_to(told, STEPS), break_at, periods)
     return loop, memory, np.asarray(unknowns)
@@ -230,17 +233,17 @@ def spoilt(q):
 
 
 @pytest.mark.parametrize(
-    ("change", "told", "break_at", "periods"),
+    ("change", "told", "break_at", "periods", "settings"),
     [
-        (lambda q: q, 0, -1, EVEN),
-        (quantised, 3, 400, EVEN),
-        (spoilt, 1, -1, EVEN),
-        (spoilt, np.arange(STEPS) // 150 % 4, 400, UNEVEN),
+        (lambda q: q, 0, -1, EVEN, UNCOMPENSATED),
+        (quantised, 3, 400, EVEN, UNCOMPENSATED),
+        (spoilt, 1, -1, EVEN, LOADED),
+        (spoilt, np.arange(STEPS) // 150 % 4, 400, UNEVEN, UNCOMPENSATED),
     ],
 )
-def test_numpy_finds_the_same(change, told, break_at, periods):
-    """Also with the clock of another loop and changing delays."""
-    loop, memory, unknowns = found(OTHER, change, 1, told, break_at, periods=periods)
+def test_numpy_finds_the_same(change, told, break_at, periods, settings):
+    """Also with the clock of another loop, changing delays and loads."""
+    loop, memory, unknowns = found(OTHER, change, 1, told, break_at, periods=periods, settings=settings)
     q, command = measured(OTHER, 1)
     state, scale = core.begin(NUMPY, loop), np.sqrt(np.diagonal(loop.covariance))
     rows = []
@@ -253,7 +256,8 @@ def test_numpy_finds_the_same(change, told, break_at, periods):
         state = core.remember(NUMPY, state, np.array(torque))
         rows.append(state.unknowns)
     np.testing.assert_allclose(np.array(rows) / scale, unknowns / scale, rtol=0, atol=1e-9)
-    for ours, other in zip(core.found(NUMPY, loop, state), core.found(JAX, loop, memory), strict=True):
+    leaves = (jax.tree.leaves(each) for each in (core.found(NUMPY, loop, state), core.found(JAX, loop, memory)))
+    for ours, other in zip(*leaves, strict=True):
         np.testing.assert_allclose(ours, other, rtol=0, atol=1e-9)
     if periods is EVEN:
         assert errors(state.unknowns, OTHER)[:4].max() < 0.05

@@ -42,7 +42,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
     """Which joint is driven."""
     identifier: IdentifierSettings | None = eqx.field(static=True, default=None)
     """Settings of the identifier of the plant; None for the nominal model."""
-    prior: tuple[Float[Array, "13"], Float[Array, "13 13"]] | None = None
+    prior: tuple[Float[Array, "n"], Float[Array, "n n"]] | None = None
     """What the identifier begins with, mean and covariance in C.1's units; None for those of the plant."""
 
     @property
@@ -84,7 +84,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
             told = jnp.stack(plant.told)
             told = told * np.array(scales.base).astype(told.dtype)
             inner, u = call_for_plant(self.controller, carry.controller, t, seen, told)
-            u = u + (scales.torque * core.compensation(JAX, loop, plant.asked, own)).astype(u.dtype)
+            u = u + (scales.torque * core.compensation(JAX, loop, plant, own)).astype(u.dtype)
         driven = self.plant.limit(self.robot.joint)
         limits = jnp.where(jnp.arange(2) == self.robot.joint, driven, self.passive_limit).astype(u.dtype)
         u = jnp.clip(u, -limits, limits)

@@ -134,10 +134,12 @@ def identifier_data(policy: PendulumPolicy, loop: EstimatorSettings) -> Data:
     """What the identifier begins with, about the policy's plant, and how it learns in an estimator's loop."""
     scales, i, driven, dt = scales_of(policy.plant), identifier, np.arange(2) == policy.robot.joint, loop.dt
     plant = similar_plant(policy.plant, scales)
-    mean, covariance = i.prior(plant)
+    assert policy.identifier is not None  # the caller has looked
+    mean, covariance = i.prior(plant, scaled(policy.identifier, C1.over(scales)))
     deviation = np.where(driven, i.DRIVEN_DEVIATION, i.PASSIVE_DEVIATION)
     nominal = lumped(mean[:BASE], geometry_of(plant))
     return {
+        "UNKNOWNS": len(mean),
         "SPAN": i.span(dt),
         "COMMANDS": i.commands(dt, loop.max_delay_steps),
         "BANDWIDTH": i.BANDWIDTH,

@@ -167,6 +167,9 @@ static inline void swingup_observe(swingup_estimator *c, double t, const double 
     int i, n;
 
     swingup_believe(&plant, base, friction);
+#if SWINGUP_HAS_IDENTIFIER
+    plant.load = SWINGUP_HAS_LOADS ? found->load : 0;
+#endif
     if (late || !swingup_follow(c, &plant, lost ? 0 : x, interval, age)) {
         for (i = 0; i < 4; i++) {
             c->state[i] = seen[i] = x[i];

@@ -30,8 +30,8 @@ restarts the estimate, and the identifier begins its motion anew.
 
 With an identifier z is the measurement less the offsets found, the model is the plant found before this call, and h
 is the time between the angles where they are a call old. The identifier is shown the measured angles last. The
-friction that it found is compensated on both joints, b q̇ + c arctan(100 q̇) at the rates seen, the undriven joint's
-within its limit; both torques are NaN if the state seen is not finite.
+friction and the load that it found are compensated on both joints, b q̇ + c arctan(100 q̇) + c' + k q at the state
+seen, the undriven joint's within its limit; both torques are NaN if the state seen is not finite.
 """
 
 import math
@@ -41,10 +41,11 @@ import numpy as np
 
 from ...plant import equations
 from ...plant.damped import Friction, damped_midpoint_step
-from ...plant.equations import Lumped, Number, friction, lump
+from ...plant.equations import Lumped, Number, Pair, friction, lump
 from ...plant.maths import Maths
 from ...plant.plant import Plant
 from ..identifier import core as identifier
+from ..identifier.compensation import Load
 from ..identifier.core import Array, Found, IdentifierState
 from ..identifier.settings import LONGEST_STEP
 from .settings import EstimatorSettings, kalman_gains
@@ -62,8 +63,8 @@ DELAY_PENALTY = 20.0
 EVIDENCE_TIME = 5.0
 """T: time in which evidence on the delay fades (s)."""
 
-Model: TypeAlias = tuple[Lumped, Friction | None]
-"""A plant to predict with, and its friction if it has any."""
+Model: TypeAlias = tuple[Lumped, Friction | None, Load | None]
+"""A plant to predict with, its friction if it has any, and the load on its joints if there is any."""
 
 
 class Loop(NamedTuple):
@@ -100,7 +101,7 @@ def make_loop(
         finding: what identifies the plant, which is the model then.
         time_unit: unit of time (s) of settings and plant.
     """
-    delays, model = np.arange(settings.max_delay_steps + 1.0), (lump(plant), plant.friction)
+    delays, model = np.arange(settings.max_delay_steps + 1.0), (lump(plant), plant.friction, None)
     return Loop(settings, joint, model, delays, kalman_gains(settings), finding, time_unit)
 
 
@@ -170,7 +171,7 @@ def observe(
     sample = maths.where(finite, x, state.sample)
     between, age = dt, 0
     if found is not None and state.identified is not None:
-        x, model = x - maths.vector([*found.offsets, 0.0, 0.0]), (found.plant, found.friction)
+        x, model = x - maths.vector([*found.offsets, 0.0, 0.0]), (found.plant, found.friction, found.load)
         between, age = identifier.interval(maths, state.identified, dt), state.identified.age
     followed = _follow(maths, loop, state, x, lost, between, model, age)
     # What is not finite fails the comparison, and is lost.
@@ -186,21 +187,23 @@ def observe(
     return after._replace(time=t, sample=sample, gap=gap, identified=identified), seen
 
 
-def compensation(maths: Maths, loop: Loop, asked: Friction, seen: Array) -> Array:
-    """Torques (2,) against the friction found (N m); NaN if the state seen is not finite.
+def compensation(maths: Maths, loop: Loop, found: Found, seen: Array) -> Array:
+    """Torques (2,) against friction and load found (N m); NaN if the state seen is not finite.
 
     Args:
         maths: for this kind of number.
         loop: what is known, with an identifier.
-        asked: what the identifier asks of the motors.
+        found: what the identifier has found.
         seen: state (4,) that the controller sees.
     """
     assert loop.finding is not None  # the caller has what it found
     most, finite = loop.finding.passive_limit, maths.finite(seen)
+    q1, q2, *rates = maths.numbers(seen)
+    loads: Pair = (0.0, 0.0) if found.carried is None else found.carried.at(q1, q2)
     torques = []
-    for joint, (b, cf, rate) in enumerate(zip(*asked, maths.numbers(seen[2:]), strict=True)):
+    for joint, (b, cf, rate, load) in enumerate(zip(*found.asked, rates, loads, strict=True)):
         # The arctangent and the clip would make a finite torque of an infinite velocity.
-        torque = friction(b, cf, maths.where(finite, rate, math.nan), maths.arctan)
+        torque = friction(b, cf, maths.where(finite, rate, math.nan), maths.arctan) + load
         torques.append(torque if joint == loop.joint else maths.clip(torque, -most, most))
     return maths.vector(torques)
 
@@ -292,9 +295,12 @@ def _ahead(maths: Maths, loop: Loop, state: EstimatorState, dt: Number, model: M
 
 def step(maths: Maths, loop: Loop, model: Model, x: Array, torques: tuple[Number, ...], dt: Number) -> Array:
     """The state (4,) after steps of dt (s) from x, each with its torque of the driven joint (N m)."""
-    (plant, losses), numbers = model, maths.numbers(x)
+    (plant, losses, load), numbers = model, maths.numbers(x)
     for torque in torques:
         u = (torque, 0.0) if loop.joint == 0 else (0.0, torque)
+        if load is not None:
+            against = load.at(numbers[0], numbers[1])
+            u = u[0] - against[0], u[1] - against[1]
         numbers = damped_midpoint_step(plant, losses, numbers, u, dt, maths)
     return maths.vector(numbers)
 

@@ -10,6 +10,7 @@
 typedef struct {
     double m11, m12, m22, coupling, gravity1, gravity2; /* of the mass matrix (kg m^2) and of gravity (N m) */
     const double *damping, *coulomb;                    /* friction of both joints (N m s/rad, N m) */
+    const double *load;                                 /* constant torques against them, then springs; 0 for none */
 } swingup_plant;
 
 /* The plant with these base parameters, and friction: damping of both joints, then Coulomb friction. */
@@ -24,14 +25,15 @@ static inline void swingup_believe(swingup_plant *p, const double base[9], const
     p->gravity2 = SWINGUP_GRAVITY * base[2];
     p->damping = friction;
     p->coulomb = friction + 2;
+    p->load = 0;
 }
 
 /*
- * Accelerations (rad/s^2) under a torque of the driven joint (N m). Friction is linear about the rates of x and acts on
+ * Accelerations (rad/s^2) under torques (N m). Friction is linear about the rates of x and acts on
  * those at the end of a step of h (s) that starts with the rates first[2].
  */
 static inline void swingup_acceleration(
-    const swingup_plant *p, const double x[4], double torque, const double *first, double h, double a[2])
+    const swingup_plant *p, const double x[4], const double u[2], const double *first, double h, double a[2])
 {
     const double cosine = p->coupling * cos(x[1]), sine = p->coupling * sin(x[1]);
     const double weight = p->gravity2 * sin(x[0] + x[1]), m12 = p->m12 + cosine;
@@ -39,9 +41,8 @@ static inline void swingup_acceleration(
     int i;
     m[0] = p->m11 + 2.0 * cosine;
     m[1] = p->m22;
-    f[0] = -p->gravity1 * sin(x[0]) - weight + sine * x[3] * (2.0 * x[2] + x[3]);
-    f[1] = -weight - sine * x[2] * x[2];
-    f[SWINGUP_DRIVEN] += torque;
+    f[0] = u[0] - p->gravity1 * sin(x[0]) - weight + sine * x[3] * (2.0 * x[2] + x[3]);
+    f[1] = u[1] - weight - sine * x[2] * x[2];
     for (i = 0; i < 2; i++) {
         const double steep = SWINGUP_STEEPNESS * x[i + 2];
         const double slope = p->damping[i] + SWINGUP_STEEPNESS * p->coulomb[i] / (1.0 + steep * steep);
@@ -56,13 +57,18 @@ static inline void swingup_acceleration(
 /* One step over h (s), in place, of the midpoint rule with implicit friction; without friction it is explicit. */
 static inline void swingup_step(const swingup_plant *p, double x[4], double torque, double h)
 {
-    double a[2], middle[4];
-    swingup_acceleration(p, x, torque, x + 2, 0.5 * h, a);
+    double a[2], middle[4], u[2] = {0.0, 0.0};
+    int i;
+    for (i = 0; i < 2 && p->load; i++) {
+        u[i] = -p->load[i] - p->load[i + 2] * x[i];
+    }
+    u[SWINGUP_DRIVEN] += torque;
+    swingup_acceleration(p, x, u, x + 2, 0.5 * h, a);
     middle[0] = x[0] + 0.5 * h * x[2];
     middle[1] = x[1] + 0.5 * h * x[3];
     middle[2] = x[2] + 0.5 * h * a[0];
     middle[3] = x[3] + 0.5 * h * a[1];
-    swingup_acceleration(p, middle, torque, x + 2, h, a);
+    swingup_acceleration(p, middle, u, x + 2, h, a);
     x[0] += h * middle[2];
     x[1] += h * middle[3];
     x[2] += h * a[0];

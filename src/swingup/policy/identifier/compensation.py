@@ -14,6 +14,24 @@ LEAST_GAIN = 0.6
 """The undriven joint's motor is asked for as much as if it delivered at least this share."""
 
 
+class Load(NamedTuple):
+    """Torques c + k q against both joints: of cables, of springs."""
+
+    constant: Pair
+    """c (N m)."""
+    spring: Pair
+    """k (N m/rad)."""
+
+    def at(self, q1: Any, q2: Any) -> Pair:
+        """The torques (N m) at angles (rad)."""
+        return self.constant[0] + self.spring[0] * q1, self.constant[1] + self.spring[1] * q2
+
+    def times(self, shares: Pair) -> "Load":
+        """Parts of them."""
+        (c1, c2), (k1, k2), (one, other) = self.constant, self.spring, shares
+        return Load((one * c1, other * c2), (one * k1, other * k2))
+
+
 class Compensation(NamedTuple):
     """Friction of both joints, as pairs (N m s/rad; N m) for ``plant.equations.friction``."""
 
@@ -33,12 +51,24 @@ def compensation(found: Friction, gain: Any, joint: int, passive_limit: float, m
         passive_limit: largest compensation of the undriven joint (N m); 0 for none.
         maximum: the larger one of two numbers.
     """
-    delivered = maximum(gain, 0.0)
-    asks = 1.0 / maximum(delivered, LEAST_GAIN) if passive_limit else 0.0
-    shares, parts = ((1.0, asks), (1.0, delivered)) if joint == 0 else ((asks, 1.0), (delivered, 1.0))
+    shares, parts = asked_shares(gain, joint, passive_limit, maximum)
     asked = Friction(_asked(found.damping, shares, maximum), _asked(found.coulomb, shares, maximum))
     damping, coulomb = _left(found.damping, asked.damping, parts), _left(found.coulomb, asked.coulomb, parts)
     return Compensation(asked, Friction(damping, coulomb))
+
+
+def asked_shares(gain: Any, joint: int, passive_limit: float, maximum: Any) -> tuple[Pair, Pair]:
+    """Parts of what is found that both motors are asked for, and parts of these that they deliver."""
+    delivered = maximum(gain, 0.0)
+    asks = 1.0 / maximum(delivered, LEAST_GAIN) if passive_limit else 0.0
+    return ((1.0, asks), (1.0, delivered)) if joint == 0 else ((asks, 1.0), (delivered, 1.0))
+
+
+def shared_load(found: Load, gain: Any, joint: int, passive_limit: float, maximum: Any) -> tuple[Load, Load]:
+    """The load that the motors are asked to carry, and the load to predict with."""
+    asked, delivered = asked_shares(gain, joint, passive_limit, maximum)
+    left = (1.0, 1.0 - asked[1] * delivered[1]) if joint == 0 else (1.0 - asked[0] * delivered[0], 1.0)
+    return found.times(asked), found.times(left)
 
 
 def _asked(found: Pair, shares: Pair, maximum: Any) -> Pair:

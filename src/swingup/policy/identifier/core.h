@@ -12,10 +12,12 @@
  * The unknowns: nine base parameters, what the offsets of both angles add to gravity's torques (kg m), the torque's
  * lag (s) behind the delay, and the part of its command that the undriven joint's motor delivers.
  */
-#define SWINGUP_UNKNOWNS 13
 #define SWINGUP_TILT 9
 #define SWINGUP_LAG 11
 #define SWINGUP_GAIN 12
+/* Behind them, where loads are expected: constant torques against both joints (N m) and springs (N m/rad). */
+#define SWINGUP_LOAD 13
+#define SWINGUP_HAS_LOADS (SWINGUP_UNKNOWNS > SWINGUP_LOAD)
 
 typedef struct {
     /* After each low-pass, of both joints: a number for each unknown, and the torque. */
@@ -39,6 +41,8 @@ typedef struct {
     double told[9];     /* the same with the friction that the compensation leaves */
     double felt[4];     /* friction of the estimator's model: damping of both joints, then Coulomb friction */
     double asked[4];    /* the same, of the friction whose counterpart the motors are asked for */
+    double carried[4];  /* constant torques of both joints, then springs, that the motors are asked to carry */
+    double load[4];     /* the same, of the estimator's model */
     double offsets[2];  /* how much the measured angles are too large (rad) */
 } swingup_identifier;
 
@@ -59,17 +63,24 @@ static inline void swingup_share(swingup_identifier *c)
         /* It brakes, or the implicit step would be singular near rest. The estimator counts the driven motor alone. */
         c->felt[i] = swingup_more(driven ? c->base[4 + i] : c->told[4 + i], 0.0);
     }
+    for (i = 0; i < 4 && SWINGUP_HAS_LOADS; i++) {
+        const int driven = i % 2 == SWINGUP_DRIVEN;
+        const double found = c->unknowns[SWINGUP_UNKNOWNS - 4 + i];
+        c->carried[i] = found * (driven ? 1.0 : asks);
+        c->load[i] = found * (driven ? 1.0 : 1.0 - asks * delivered);
+    }
     c->offsets[0] = swingup_clip(tilt[0] / c->base[3], SWINGUP_MOST_OFFSET);
     c->offsets[1] = swingup_clip(tilt[1] / c->base[2], SWINGUP_MOST_OFFSET) - c->offsets[0];
 }
 
-/* Add the torques (N m) against the friction found, for the state seen; NaN if that is not finite. */
+/* Add the torques (N m) against friction and load found, for the state seen; NaN if that is not finite. */
 static inline void swingup_compensate(const swingup_identifier *c, const double seen[4], double u[2])
 {
     const int finite = swingup_finite(seen, 4);
     int i;
     for (i = 0; i < 2; i++) {
-        const double rate = seen[i + 2], torque = c->asked[i] * rate + c->asked[i + 2] * atan(SWINGUP_STEEPNESS * rate);
+        const double rate = seen[i + 2], load = c->carried[i] + c->carried[i + 2] * seen[i];
+        const double torque = c->asked[i] * rate + c->asked[i + 2] * atan(SWINGUP_STEEPNESS * rate) + load;
         /* The arctangent and the clip would make a finite torque of an infinite velocity. */
         const double within = i == SWINGUP_DRIVEN ? torque : swingup_clip(torque, SWINGUP_PASSIVE_LIMIT);
         u[i] += finite ? SWINGUP_TORQUE_UNIT * within : (double)NAN;
@@ -200,6 +211,10 @@ static inline void swingup_rows(const swingup_identifier *c, double rows[2][SWIN
     for (i = 0; i < 2; i++) {
         rows[i][SWINGUP_TILT] = SWINGUP_TILT_RATIO * bend[i] - (i == 0 ? slope[0] : 0.0);
         rows[i][SWINGUP_TILT + 1] = -bend[i] - slope[1];
+    }
+    for (i = 0; i < 2 && SWINGUP_HAS_LOADS; i++) {
+        rows[i][SWINGUP_UNKNOWNS - 4 + i] = 1.0;
+        rows[i][SWINGUP_UNKNOWNS - 2 + i] = c->angles[span][i];
     }
     for (i = 0; i < 2; i++) {
         rows[i][4 + i] = 0.5 * (one.rates[i] + two.rates[i]);

@@ -6,7 +6,8 @@ At each measurement, with the rows Y of ``plant.momentum`` for the last angles a
    Y (θ, κ) + u̇ λ - v γ = u holds for the low-passed columns: κ stands for the offsets of the angles, λ (s) is a lag
    of the torque beside the delay that is known. v is the torque asked of the undriven joint's motor against its
    friction, and γ the part of it that this motor delivers. u and u̇ are 0 in the undriven joint's row, v is in the
-   driven one's.
+   driven one's. Where loads are expected the
+   left side has c + k q of its joint as well, at the middle angle.
 2. For each joint's row φ, y, with the unknowns x = (θ, κ, λ, γ), their covariance P, and the variance r of what the
    row leaves unexplained, with a floor f and a bound b:
 
@@ -46,13 +47,13 @@ from ...plant.maths import Maths
 from ...plant.momentum import momentum_rows
 from ...plant.plant import Plant
 from . import settings as chosen
-from .compensation import compensation, predicted
-from .settings import LAG, POLES, UNKNOWNS
+from .compensation import Load, compensation, predicted, shared_load
+from .settings import LAG, LOADS, POLES, UNKNOWNS
 
 Array = Any
 """An array of NumPy or JAX; shapes are in the comments."""
 
-EYE = np.eye(UNKNOWNS)
+EYE = np.eye(LOADS)
 """Faster than making a diagonal matrix at each call."""
 
 
@@ -70,9 +71,9 @@ class Loop(NamedTuple):
     geometry: Geometry
     """What is known of the plant's lengths and gears."""
     mean: Array
-    """θ of the nominal plant, no offsets, no lag, and a gain of 1 (13,)."""
+    """θ of the nominal plant, no offsets, no lag, a gain of 1, and no loads where they are expected (n,)."""
     covariance: Array
-    """Prior covariance (13, 13)."""
+    """Prior covariance (n, n)."""
 
 
 def make_loop(
@@ -80,7 +81,7 @@ def make_loop(
 ) -> Loop:
     """What an identifier knows of a plant's loop, whose period (s) and longest delay (steps) are an estimator's."""
     passive_limit = settings.passive_limit
-    return Loop(joint, period, max_delay_steps, passive_limit, geometry_of(plant), *chosen.prior(plant))
+    return Loop(joint, period, max_delay_steps, passive_limit, geometry_of(plant), *chosen.prior(plant, settings))
 
 
 class IdentifierState(NamedTuple):
@@ -103,9 +104,9 @@ class IdentifierState(NamedTuple):
     filtered: tuple[Array, ...]
     """States of the low-passes: rows (2, 14) of both joints, with u̇, -v and u in the last columns."""
     unknowns: Array
-    """θ, κ1 and κ2 (kg m), the lag (s), and the gain of the undriven joint's motor (13,)."""
+    """θ, κ1 and κ2 (kg m), the lag (s), the gain of the undriven joint's motor, and loads (n,)."""
     covariance: Array
-    """(13, 13)"""
+    """(n, n)"""
     variance: Pair
     """Variance of what each joint's row leaves unexplained (N² m²)."""
     held: Pair
@@ -123,6 +124,10 @@ class Found(NamedTuple):
     """Its friction, never negative; the undriven joint's is what the compensation leaves of it."""
     asked: Friction
     """Friction whose counterpart the motors are asked for."""
+    carried: Load | None
+    """Load that the motors are asked to carry; None where none is expected."""
+    load: Load | None
+    """Load to predict with."""
     told: tuple[Number, ...]
     """θ as a policy and a regulator are told it: with the friction that the compensation leaves."""
     offsets: Pair
@@ -142,7 +147,7 @@ def begin(maths: Maths, loop: Loop) -> IdentifierState:
         delay_steps=xp.array(0),
         missed=(zero, zero),
         age=xp.array(0),
-        filtered=(xp.zeros((2, UNKNOWNS + 1)),) * POLES,
+        filtered=(xp.zeros((2, len(loop.mean) + 1)),) * POLES,
         unknowns=xp.array(loop.mean),
         covariance=xp.array(loop.covariance),
         variance=(first, second),
@@ -202,7 +207,7 @@ def observe(
         # The lag counts from the delay: their sum is what was found. The old columns belong to the old delay.
         k = xp.arange(len(steps))
         earlier, later = (k < state.delay_steps).astype(steps.dtype), (k < delay_steps).astype(steps.dtype)
-        unknowns = state.unknowns + (xp.arange(UNKNOWNS) == LAG) * ((earlier - later) @ steps)
+        unknowns = state.unknowns + (xp.arange(len(loop.mean)) == LAG) * ((earlier - later) @ steps)
         return unknowns, (xp.zeros_like(state.filtered[0]),) * POLES
 
     changed = (delay_steps != state.delay_steps) | (age != state.age)
@@ -237,11 +242,18 @@ def found(maths: Maths, loop: Loop, state: IdentifierState) -> Found:
     theta = tuple(n + share * (one - n) for one, n in zip(x[:BASE], nominal, strict=True))
     friction = friction_of(theta)
     asked, left = compensation(friction, x[chosen.GAIN], joint, loop.passive_limit, maths.maximum)
+    carried, load = None, None
+    if len(x) > UNKNOWNS:
+        c1, c2, k1, k2 = x[UNKNOWNS:]
+        known = joint, loop.passive_limit, maths.maximum
+        carried, load = shared_load(Load((c1, c2), (k1, k2)), x[chosen.GAIN], *known)
     return Found(
         theta=theta,
         plant=lumped(theta, loop.geometry),
         friction=predicted(friction, left, joint, maths.maximum),
         asked=asked,
+        carried=carried,
+        load=load,
         told=(*theta[:4], *left.damping, *left.coulomb, theta[8]),
         offsets=chosen.offsets(x[chosen.TILT1], x[chosen.TILT2], theta, maths.clip),
     )
@@ -294,7 +306,8 @@ def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
     return state._replace(
         filtered=tuple(stages[1:]),
         unknowns=unknowns,
-        covariance=covariance + maths.xp.asarray(EYE, covariance.dtype) * drift,
+        covariance=covariance
+        + maths.xp.asarray(EYE[: len(covariance), : len(covariance)], covariance.dtype) * drift,
         variance=tuple(variances),
         held=tuple(holds),
     )
@@ -317,7 +330,12 @@ def _columns(maths: Maths, loop: Loop, state: IdentifierState, steps: Array) -> 
     none = 0.0 * torques[joint]
     driven, passive = (rates[joint], none, torques[joint]), (none, -torques[1 - joint], none)
     first, second = (driven, passive) if joint == 0 else (passive, driven)
-    return maths.vector([*shoulder, *first, *elbow, *second]).reshape(2, UNKNOWNS + 1)
+    loads1: tuple[Number, ...] = ()
+    loads2: tuple[Number, ...] = ()
+    if len(loop.mean) > UNKNOWNS:
+        loads1, loads2 = (none + 1.0, none, middle[0], none), (none, none + 1.0, none, middle[1])
+    rows = [*shoulder, *first[:2], *loads1, first[2], *elbow, *second[:2], *loads2, second[2]]
+    return maths.vector(rows).reshape(2, len(loop.mean) + 1)
 
 
 def _update(
@@ -332,7 +350,7 @@ def _update(
 ) -> tuple[Array, Array, Pair]:
     """What a joint's row tells of the unknowns, and its noise: the errors' variance, and how long it is held."""
     driven, (variance, held) = joint == loop.joint, noise
-    row, target = columns[:UNKNOWNS], columns[UNKNOWNS]
+    row, target = columns[:-1], columns[-1]
     uncertain = covariance @ row
     predictive_variance, error = row @ uncertain, target - row @ unknowns
     size = abs(target) + abs(row[:4]) @ abs(unknowns[:4])

@@ -20,6 +20,8 @@ LAG = BASE + 2
 """The torque's lag (s) behind the delay that the identifier is told."""
 GAIN = BASE + 3
 """Part of its command that the undriven joint's motor delivers."""
+LOADS = UNKNOWNS + 4
+"""Behind them, where loads are expected: constant torques against both joints (N m) and springs (N m/rad)."""
 
 SPAN_TIME = 0.008
 """Time between the three angles of a row (s): rates resolve the encoder's step over it."""
@@ -78,7 +80,16 @@ class IdentifierSettings:
 
     PART: ClassVar[str] = "identifier"
     passive_limit: Annotated[float, Range(0.0, 1e3), TORQUE] = 0.5
-    """Largest torque that compensates the undriven joint's friction (N m); 0 for none."""
+    """Largest torque that compensates the undriven joint's friction and load (N m); 0 for none."""
+    load_deviation: Annotated[float, Range(0.0, 1e3), TORQUE] = 0.0
+    """Standard deviation of a constant torque against each joint (N m)."""
+    spring_deviation: Annotated[float, Range(0.0, 1e3), TORQUE] = 0.0
+    """Standard deviation of the stiffness of a spring or cable at each joint, relaxed at 0 (N m/rad)."""
+
+    @property
+    def loads(self) -> bool:
+        """Whether loads of the joints are found at all; without them each call is cheaper."""
+        return self.load_deviation > 0 or self.spring_deviation > 0
 
     def __post_init__(self) -> None:
         """Refuse what cannot work."""
@@ -95,9 +106,15 @@ def commands(period: float, max_delay_steps: int) -> int:
     return 2 * span(period) + max(max_delay_steps, 1)
 
 
-def prior(plant: Plant) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (13,) and covariance (13, 13) of the unknowns before anything is measured, from a nominal plant."""
-    mean, covariance = np.zeros(UNKNOWNS), np.zeros((UNKNOWNS, UNKNOWNS))
+def prior(plant: Plant, settings: IdentifierSettings | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (n,) and covariance (n, n) of the unknowns before anything is measured, from a nominal plant.
+
+    n is 17 where loads are expected, else 13.
+    """
+    s = settings or IdentifierSettings()
+    loads = (s.load_deviation, s.load_deviation, s.spring_deviation, s.spring_deviation) if s.loads else ()
+    size = UNKNOWNS + len(loads)
+    mean, covariance = np.zeros(size), np.zeros((size, size))
     mean[:BASE] = base = base_parameters(plant)
     mean[GAIN] = 1.0
     covariance[:BASE, :BASE] = base_covariance(plant, SPREAD)
@@ -107,8 +124,8 @@ def prior(plant: Plant) -> tuple[np.ndarray, np.ndarray]:
             f"a plant with m1 r1 + m2 l1 = {first:g} and m2 r2 = {second:g} kg m gives an identifier nothing to "
             "find the offsets by: give both links a centre of mass off their joint, or leave the identifier out"
         )
-    others = OFFSET_DEVIATION * first, OFFSET_DEVIATION * second, LAG_DEVIATION, GAIN_DEVIATION
-    covariance[range(BASE, UNKNOWNS), range(BASE, UNKNOWNS)] = np.square(others)
+    others = OFFSET_DEVIATION * first, OFFSET_DEVIATION * second, LAG_DEVIATION, GAIN_DEVIATION, *loads
+    covariance[range(BASE, size), range(BASE, size)] = np.square(others)
     return mean, covariance
 
 

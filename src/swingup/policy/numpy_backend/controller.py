@@ -70,7 +70,7 @@ class NumpyPolicy:
             u = np.zeros(2)
             u[self._joint] = self._torque(x)
             if self.loop is not None and self.found is not None:
-                u = u + self._scales.torque * estimator.compensation(NUMPY, self.loop, self.found.asked, x)
+                u = u + self._scales.torque * estimator.compensation(NUMPY, self.loop, self.found, x)
             return u
 
     def given(self, u: np.ndarray) -> None:
