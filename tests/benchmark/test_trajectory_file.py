@@ -165,6 +165,8 @@ def test_columns_in_order_may_be_skipped_and_end_early(tmp_path):
         (["q1=theta"], "has no column 'theta': its 7 columns are time, pos_meas1"),
         (["time=0"], "has no column '0'"),
         (["u2=8"], "has no column '8'"),
+        (["q1=pos_meas1+pi/0"], "has no column 'pos_meas1.pi/0'"),
+        (["q1=pos_meas1:counts/0"], "q1 in 'counts/0': the units are rad, deg"),
         (["u2=" + 100 * "9"], "has no column '9999"),
         (["_"] * 8, "has no column '8'"),
         (["time=q1="], "has no column 'q1='"),

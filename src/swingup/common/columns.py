@@ -129,7 +129,9 @@ def parse_column(path: object, name: str, text: str, titles: Sequence[str]) -> C
     if text.isdecimal() or expression.isdecimal():  # a place
         expression = f"#{expression or text}" if 1 <= int((expression or text)[:9]) <= len(titles) else expression
     known = "|".join(re.escape(title) for title in sorted(set(titles) - {""}, key=len, reverse=True))
-    token = re.compile(rf"\s*([-+]?)\s*(?:({known or '(?!)'})|(#\d+)|(pi(?:/\d+)?|\d+(?:\.\d*)?(?:[eE]-?\d+)?))")
+    token = re.compile(
+        rf"\s*([-+]?)\s*(?:({known or '(?!)'})|(#\d+)|(pi(?:/[1-9]\d*)?|\d+(?:\.\d*)?(?:[eE]-?\d+)?))"
+    )
     column, place = Column((), 0.0, unit), 0
     while place < len(expression):
         found = token.match(expression, place)
@@ -186,10 +188,12 @@ def _constant(value: float) -> str:
 _KINDS = {
     "time": r"time|zeit|stamp|^t$|^t[_ ]|^ts$|^sec",
     "dq": r"vel|omega|speed|dot|geschw|drehzahl|rpm|^d(q|th|phi)|^qd|^w_?\d?$|rate",
-    "u": r"tau|torque|moment|effort|current|strom|^u|^i_?\d|^iq|cmd|amp",
+    "u": r"tau|torque|moment|effort|current|strom|^u|^[im]_?\d|^iq|cmd|amp",
     "q": r"pos|ang|theta|phi|winkel|^q|^th|enc|gelenk|joint",
 }
 """Words in the titles that people give, tried in order."""
+_WANTED = re.compile(r"des|ref|goal|soll|target|filt")
+"""Of titles that are alike, one of these comes last: it was not measured."""
 _JOINTS = {"1": r"shoulder|schulter|upper|first", "2": r"elbow|ell|lower|second"}
 
 
@@ -200,7 +204,9 @@ def suggest_columns(titles: Sequence[str], names: Sequence[str]) -> list[str]:
         title: next((k for k, word in _KINDS.items() if re.search(word, title.lower())), "") for title in titles
     }
     for kind in _KINDS:
-        mine = [title for title in titles if kinds[title] == kind]
+        mine = sorted(
+            (title for title in titles if kinds[title] == kind), key=lambda title: bool(_WANTED.search(title))
+        )
         digits = {title: (re.findall(r"\d+", title) or [""])[-1] for title in mine}
         shift = 1 if "0" in digits.values() else 0
         for place, title in enumerate(mine, start=1):

@@ -130,7 +130,7 @@ def check_columns(
     if found is None:
         return ()
     if force:
-        return (f"{recording.name}: {found} (--force: read as it is)",)
+        return (f"{recording.name}: {found}; taken as it is",)
     raise SwingupError(f"{recording.name}: {found}, or take it as it is with --force")
 
 

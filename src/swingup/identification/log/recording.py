@@ -178,8 +178,8 @@ def _check_torques(name: str, table: Table, pairs: Collection[tuple[str, ...]]) 
     if likely := suggest_columns(table.unread, wanted):
         words = " ".join(map(quote_word, likely))
         raise SwingupError(
-            f"{name} lacks {', '.join(wanted)}: --columns {words}, if these are torques; without torques it counts "
-            "as a free fall (--force)"
+            f"{name} lacks {', '.join(wanted)}: write --columns {words}, if these are torques, or u1=0 u2=0 for a "
+            "free fall"
         )
 
 
