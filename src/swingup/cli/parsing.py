@@ -79,7 +79,7 @@ def program_typed() -> str:
     if started.name != PROGRAM:
         return f"{shlex.quote(sys.executable)} -m {PROGRAM}"
     found = shutil.which(PROGRAM)
-    return PROGRAM if found and Path(found).samefile(started) else shlex.quote(str(started))
+    return PROGRAM if found and Path(found).resolve() == started.resolve() else shlex.quote(str(started))
 
 
 def command_line(*words: str, **options: Any) -> str:
