@@ -41,7 +41,7 @@ def run(monkeypatch, capsys):
         return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines], list(figures)
 
     yield start
-    for name in ("study", "ablations", "mujoco_learning", "continuing", "paper_runs"):
+    for name in ("study", "ablations", "mujoco_learning", "continuing", "paper_runs", "acrobot_swingup"):
         sys.modules.pop(name, None)
 
 
@@ -90,6 +90,22 @@ def test_rates_stand_beside_the_returns_where_they_were_recorded(mujoco):
     rows, (figure,) = mujoco(runs, *one)
     assert [row[1] for row in rows[4:6]] == ["–", "–"]
     assert len(figure.axes) == 1
+
+
+def test_returns_of_dm_controls_acrobot_by_frames(run, tmp_path):
+    rows = [
+        {
+            "run": ["acrobot-swingup"],
+            "seed": seed,
+            "frames": [2e7, 4e7],
+            "scores": [first, last],
+            "seconds": [60, 90],
+        }
+        for seed, (first, last) in enumerate([(100.0, 200.0), (110.0, 300.0)])
+    ]
+    (tmp_path / "runs.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    found, _ = run("acrobot_swingup", "--seeds", "0", "--study", tmp_path / "runs.jsonl")
+    assert found[-1] == ["40 M", "90", "250.0", "200, 300"]
 
 
 def test_verdicts_on_claims(run, tmp_path):
