@@ -44,7 +44,8 @@ def test_gains_act_as_realaigyms_controller_has_them(tmp_path, robot, x64):
 def test_the_command_writes_it(tmp_path, monkeypatch):
     reference = shipped_reference("acrobot")[0]
     monkeypatch.setattr(Design, "compute", lambda *_: (reference, {}))  # which takes a minute
-    assert main(["trajectory", "acrobot", "--out", str(tmp_path / "r.csv")]) == 0
+    words = ["export", "tvlqr", "--to", "trajectory", "--robot", "acrobot", "--seed", "0"]
+    assert main([*words, "--out", str(tmp_path / "r.csv")]) == 0
     np.testing.assert_array_equal(load_reference_csv(tmp_path / "r.csv", "acrobot").gains, reference.gains)
 
 

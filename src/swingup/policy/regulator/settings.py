@@ -36,9 +36,9 @@ class RegulatorSettings:
     """The regulator takes over where its cost-to-go eᵀPe is below this."""
     leave: Annotated[float, Range(1e-6, 1e6)] = 10.0
     """The policy takes over where the cost-to-go is above this."""
-    enter_coulomb: Annotated[float, Range(1e-6, 1e6), TORQUE] = 1e6
+    enter_coulomb: Annotated[float, Range(1e-12, 1e12), TORQUE] = 1e6
     """Coulomb friction of the undriven joint (N m) that halves ``enter``."""
-    leave_coulomb: Annotated[float, Range(1e-6, 1e6), TORQUE] = 1e6
+    leave_coulomb: Annotated[float, Range(1e-12, 1e12), TORQUE] = 1e6
     """Coulomb friction (N m) that halves the distance between ``enter`` and ``leave``."""
 
     def __post_init__(self) -> None:
