@@ -165,10 +165,21 @@ static inline double swingup_age(const swingup_identifier *c, int n)
     return age;
 }
 
-/* Steps in half of a row: as many as take its time at the pace of the last ones. */
-static inline int swingup_span(const swingup_identifier *c)
+/* The loop's own period (s): a call that comes late now and then must not change the low-passes or the rows. */
+static inline double swingup_period(const swingup_identifier *c)
 {
-    const double steps = 2 * SWINGUP_SPAN * SWINGUP_SPAN * SWINGUP_DT / swingup_age(c, 2 * SWINGUP_SPAN);
+    double least = c->steps[c->age];
+    int k;
+    for (k = 1; k < 2 * SWINGUP_SPAN; k++) {
+        least = c->steps[c->age + k] < least ? c->steps[c->age + k] : least;
+    }
+    return least;
+}
+
+/* Steps in half of a row: as many as take its time in a loop of a period (s). */
+static inline int swingup_span(double period)
+{
+    const double steps = SWINGUP_SPAN * SWINGUP_DT / period;
     return steps > SWINGUP_SPAN ? SWINGUP_SPAN : steps < 1.0 ? 1 : (int)rint(steps);
 }
 
@@ -179,7 +190,7 @@ static inline void swingup_rows(const swingup_identifier *c, double rows[2][SWIN
     double a[2], pull[2], slope[2], bend[2], turning, torque[2] = {0.0, 0.0}, rate = 0.0;
     double newer = 0.0, older = 0.0, mean, now = 0.0;
     swingup_half one, two;
-    const int span = swingup_span(c);
+    const int span = swingup_span(swingup_period(c));
     int i, k;
 
     for (k = 0; k < span; k++) {
@@ -276,7 +287,7 @@ static inline void swingup_update(swingup_identifier *c, int joint, double step)
 /* The low-passes, both rows, and the drift; 0 if what was found is not finite. */
 static inline int swingup_learn(swingup_identifier *c)
 {
-    const double step = c->steps[c->age], weight = -expm1(-SWINGUP_BANDWIDTH * step);
+    const double step = swingup_period(c), weight = -expm1(-SWINGUP_BANDWIDTH * step);
     double rows[2][SWINGUP_UNKNOWNS + 1];
     int i, j, k;
 

@@ -13,10 +13,11 @@ At each measurement, with the rows Y of ``plant.momentum`` for the last angles a
 
        e = y - φᵀ x,   s = φᵀ P φ,   r' = max(r, f),   d² = e² / (s + r'),
        k = P φ / (s + n r' w),   w = max(1, (ν + d²)/(ν + 1)),   x ← x + k e,   P ← P - k (P φ)ᵀ,
-       r ← r + a (min(d² r', b) - r),   a = 1 - exp(-h/T), T = rise if r grows, fall if not.
+       r ← r + a (min(d² r', b) - r),   a = 1 - exp(-h/T), T = rise if r grows, fall if not;
 
-   n counts the neighbouring rows whose errors are alike. w is the inverse of Student's weight, ν = 4. A row with d
-   above the gate, and rows for a while after it, change nothing but r: pushes.
+   h is the shortest step of the row's time, the loop's own period. n counts the neighbouring rows whose errors are
+   alike. w is the inverse of Student's weight, ν = 4. A row with d above the gate, and rows for a while after it,
+   change nothing but r: pushes.
 3. P grows by a small drift. There is no forgetting: what is not excited stays as sure as it was.
 
 A robot's loop may hand over the angles of the call before: their age is 1 then, else 0. Where the times between
@@ -286,8 +287,9 @@ def _age(maths: Maths, state: IdentifierState, angles: Array, steps: Array) -> t
 def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
     """The low-passes, both rows, and the drift."""
     steps = maths.window(state.steps, state.age, len(state.angles) - 1)
-    step = maths.numbers(steps[:1])[0]
-    stages, weight = [_columns(maths, loop, state, steps)], -maths.expm1(-chosen.BANDWIDTH * step)
+    # The loop's own period: a call that comes late now and then must not change the low-passes or the rows.
+    (step,) = maths.numbers(steps.min(keepdims=True))
+    stages, weight = [_columns(maths, loop, state, steps, step)], -maths.expm1(-chosen.BANDWIDTH * step)
     for stage in state.filtered:
         stages.append(stage + weight * (stages[-1] - stage))
     rows, unknowns, covariance = stages[-1], state.unknowns, state.covariance
@@ -313,13 +315,12 @@ def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
     )
 
 
-def _columns(maths: Maths, loop: Loop, state: IdentifierState, steps: Array) -> Array:
-    """The newest rows (2, 14): Y, u̇, -v and u, of the last steps (s)."""
+def _columns(maths: Maths, loop: Loop, state: IdentifierState, steps: Array, step: Number) -> Array:
+    """The newest rows (2, 14): Y, u̇, -v and u, of the last steps (s), in a loop of a period (s)."""
     joint, most = loop.joint, chosen.span(loop.period)
     ages = maths.xp.concatenate([maths.xp.zeros(1, steps.dtype), maths.xp.cumsum(steps)])
     # A slower loop than the nominal one fills the time of a row with fewer steps.
-    (mean,) = maths.numbers(ages[-1:] / (2 * most))
-    span = maths.place(maths.clip(most * loop.period / mean, 1, most))
+    span = maths.place(maths.clip(most * loop.period / step, 1, most))
     oldest, middle, newest = (maths.numbers(state.angles[place]) for place in (2 * span, span, 0))
     acting = maths.window(state.torques, state.delay_steps, 2 * most)
     peak, whole = (maths.numbers(maths.window(ages, place, 1))[0] for place in (span, 2 * span))
