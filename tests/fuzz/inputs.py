@@ -4,7 +4,6 @@ import dataclasses
 import io
 import json
 import re
-from xml.etree.ElementTree import tostring
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +11,7 @@ from scipy.io import savemat
 
 from swingup.learner.presets import get_preset
 from swingup.learner.run_settings import RunSettings
-from swingup.plant.model_files.writers import write_mjcf, write_urdf
+from swingup.plant.model_files.writers import model_text
 from swingup.plant.plant import load_plant
 
 from .mutations import EXTREMES, LINES, damage, mutate, several, spoilt_arrays
@@ -298,7 +297,7 @@ SHAPES = """<mujoco><compiler eulerseq="zyx"/><option><flag contact="disable"/><
 <actuator><motor joint="j1" gear="2" ctrlrange="-1 1"/>
 <general joint="j2" gainprm="3" ctrlrange="-2 1" forcerange="-1 1"/></actuator></mujoco>"""
 MODELS = [
-    *(tostring(write("x", PLANT | {"Ir": 0.001, "gr": 6.0})).decode() for write in (write_urdf, write_mjcf)),
+    *(model_text(suffix, "x", PLANT | {"Ir": 0.001, "gr": 6.0}) for suffix in (".urdf", ".xml")),
     SHAPES,
 ]
 WORDS = [

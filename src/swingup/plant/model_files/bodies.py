@@ -6,7 +6,7 @@ along the axes have no effect.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, TypeAlias
 
@@ -101,6 +101,18 @@ class Model:
     """How q1 and q2 follow from the file's angles."""
 
 
+class _Link(NamedTuple):
+    """A hinge with all that moves with it, up to the next hinge."""
+
+    hinge: Hinge
+    bodies: list[tuple[Body, Frame]]
+    """The hinge's own body first, each with its frame in that of what stands still."""
+
+    @property
+    def axis(self) -> Vector:
+        return self.bodies[0][1].rotation @ self.hinge.axis
+
+
 class _Plane(NamedTuple):
     """The vertical plane of the motion."""
 
@@ -114,29 +126,9 @@ class _Plane(NamedTuple):
         """A point's two coordinates, down and to the side (m)."""
         return np.array([point @ self.down, point @ self.side])
 
-
-@dataclass(frozen=True)
-class _Chain:
-    """Two links that hang on one another."""
-
-    bodies: Sequence[Body]
-    places: Sequence[Frame]
-    """Frames of the bodies in that of what stands still."""
-    carriers: Sequence[int | None]
-    """The link that each body is a part of, 0 or 1; None for what stands still."""
-    hinged: tuple[Body, Body]
-    hinges: tuple[Hinge, Hinge]
-    plane: _Plane
-    signs: tuple[float, float]
-    """Whether a joint turns as the first one does, or the other way."""
-    joints: tuple[np.ndarray, np.ndarray]
-    """Where they are in the plane (m)."""
-
-    def parts_of(self, link: int) -> Iterator[tuple[Body, Frame]]:
-        """The bodies of a link, with their frames."""
-        for body, place, carrier in zip(self.bodies, self.places, self.carriers, strict=True):
-            if carrier == link:
-                yield body, place
+    def joint(self, link: _Link) -> np.ndarray:
+        """Where a link's joint is (m)."""
+        return self.flat(link.bodies[0][1].point(link.hinge.anchor))
 
 
 def double_pendulum(
@@ -155,105 +147,90 @@ def double_pendulum(
     Raises:
         SwingupError: the bodies are not a double pendulum in a vertical plane, or the inertias may be either.
     """
-    notes, chain = list(notes), _chain(bodies, gravity)
-    arm = chain.joints[1] - chain.joints[0]
+    notes, links = list(notes), _links(bodies)
+    plane = _plane(links, unit(gravity, "gravity"))
+    first, second = (link.hinge for link in links)
+    arm = plane.joint(links[1]) - plane.joint(links[0])
     l1 = float(np.hypot(*arm))
     if not l1 > NOTHING:
-        raise SwingupError(
-            f"joint {quoted(chain.hinges[1].name)} lies on the axis of {quoted(chain.hinges[0].name)}"
-        )
+        raise SwingupError(f"joint {quoted(second.name)} lies on the axis of {quoted(first.name)}")
     along = arm / l1
-    about_joint = _about_joint(chain, inertia, asked, notes)
-    (m1, centre1, I1), (m2, centre2, I2) = (_link(chain, link, about_joint) for link in (0, 1))
-    _check_line(chain, _cross(along, centre1), l1, notes)
+    about_joint = _about_joint(links, inertia, asked, notes)
+    (m1, centre1, I1), (m2, centre2, I2) = (_masses(link, plane, about_joint) for link in links)
+    _check_line(links[0], _cross(along, centre1), l1, notes)
     reach = float(np.hypot(*centre2))
-    tip = _tip(chain, reach)
+    tip = _tip(links[1], plane, reach)
     straight, r2 = centre2, reach
     if not reach > BALANCED * l1:
         straight = along if tip is None else tip[1]
     elif tip is not None and float(tip[1] @ centre2) < 0:  # a counterweight on the other side of the elbow
         straight, r2 = -centre2, -reach
-    first, second = chain.hinges
     facts = {"m1": m1, "m2": m2, "l1": l1, "r1": float(centre1 @ along), "r2": r2}
     facts |= {"g": float(np.linalg.norm(gravity)), "gr": gear, "b1": first.damping, "b2": second.damping}
     facts |= {"cf1": first.coulomb, "cf2": second.coulomb}
     facts |= _with_rotors(I1, I2, first.armature, second.armature, gear)
-    facts |= {f"tl{number}": each.limit for number, each in enumerate(chain.hinges, 1) if each.limit is not None}
+    facts |= {f"tl{number}": each.limit for number, each in enumerate((first, second), 1) if each.limit is not None}
     if tip is not None:
         facts["l2"] = float(np.hypot(*tip[1]))
         notes.append(f"l2 = {facts['l2']:.4g} m is the distance of {tip[0]} from the elbow")
     if facts["Ir"] > 0:
         notes.append("the armature is in I1, I2 and Ir, so that the pendulum moves as with it")
     hanging = math.atan2(arm[1], arm[0]), math.atan2(_cross(along, straight), float(along @ straight))
-    angles = _angles(chain, hanging, notes)
+    angles = _angles(links, hanging, notes)
     return Model({name: float(value) for name, value in facts.items()}, notes, angles)
 
 
-def _chain(bodies: Sequence[Body], gravity: Vector) -> _Chain:
+def _links(bodies: Sequence[Body]) -> tuple[_Link, _Link]:
+    """The two links, refused where they are not two that hang on one another."""
     places: list[Frame] = []
-    carriers: list[int | None] = []
-    hinged: list[Body] = []
+    carriers: list[_Link | None] = []  # of each body; None for what stands still
+    links: list[_Link] = []
     for body in bodies:
         places.append(body.frame if body.parent is None else body.frame.within(places[body.parent]))
         carrier = None if body.parent is None else carriers[body.parent]
-        if body.hinge is not None:
-            if len(hinged) == 1 and carrier != 0:
-                raise SwingupError(f"joint {quoted(body.hinge.name)} hangs on what stands still, not on link 1")
-            carrier = len(hinged)
-            hinged.append(body)
+        if (hinge := body.hinge) is not None:
+            if len(links) == 1 and carrier is not links[0]:
+                raise SwingupError(f"joint {quoted(hinge.name)} hangs on what stands still, not on link 1")
+            if min(hinge.damping, hinge.coulomb, hinge.armature) < 0:
+                raise SwingupError(
+                    f"joint {quoted(hinge.name)} has a damping, friction or armature that is negative"
+                )
+            carrier = _Link(hinge, [])
+            links.append(carrier)
+        if carrier is not None:
+            carrier.bodies.append((body, places[-1]))
         carriers.append(carrier)
-    hinges = [body.hinge for body in hinged if body.hinge is not None]
-    for hinge in hinges:
-        if min(hinge.damping, hinge.coulomb, hinge.armature) < 0:
-            raise SwingupError(f"joint {quoted(hinge.name)} has a damping, friction or armature that is negative")
-    if len(hinges) != 2:
-        names = f" ({', '.join(quoted(hinge.name) for hinge in hinges[:6])})" if hinges else ""
+    if len(links) != 2:
+        names = f" ({', '.join(quoted(link.hinge.name) for link in links[:6])})" if links else ""
         raise SwingupError(
-            f"{len(hinges)} joints move{names}, and a double pendulum has two: remove or fix the others"
+            f"{len(links)} joints move{names}, and a double pendulum has two: remove or fix the others"
         )
-    frames = [places[carriers.index(link)] for link in (0, 1)]
-    axes = [frame.rotation @ hinge.axis for frame, hinge in zip(frames, hinges, strict=True)]
-    plane = _plane(hinges, axes, unit(gravity, "gravity"))
-    joints = [plane.flat(frame.point(hinge.anchor)) for frame, hinge in zip(frames, hinges, strict=True)]
-    signs = 1.0, math.copysign(1.0, float(axes[0] @ axes[1]))
-    return _Chain(
-        bodies,
-        places,
-        carriers,
-        (hinged[0], hinged[1]),
-        (hinges[0], hinges[1]),
-        plane,
-        signs,
-        (joints[0], joints[1]),
-    )
+    return links[0], links[1]
 
 
-def _plane(hinges: Sequence[Hinge], axes: Sequence[Vector], down: Vector) -> _Plane:
-    """The plane of the motion.
-
-    Raises:
-        SwingupError: it is not vertical, or the links move in two.
-    """
-    lean = math.asin(min(1.0, abs(float(axes[0] @ down))))
+def _plane(links: tuple[_Link, _Link], down: Vector) -> _Plane:
+    """The plane of the motion, refused where it is not vertical, or the links move in two."""
+    (first, second), (one, other) = (link.axis for link in links), (quoted(link.hinge.name) for link in links)
+    lean = math.asin(min(1.0, abs(float(first @ down))))
     if lean > TURNED:
         raise SwingupError(
-            f"the axis of joint {quoted(hinges[0].name)} leans {math.degrees(lean):.3g}° from the horizontal: a "
-            "plant swings in a vertical plane"
+            f"the axis of joint {one} leans {math.degrees(lean):.3g}° from the horizontal: a plant swings in a "
+            "vertical plane"
         )
-    turned = math.asin(min(1.0, float(np.linalg.norm(np.cross(axes[0], axes[1])))))
+    turned = math.asin(min(1.0, float(np.linalg.norm(np.cross(first, second)))))
     if turned > TURNED:
         raise SwingupError(
-            f"the axis of joint {quoted(hinges[1].name)} is turned by {math.degrees(turned):.3g}° from that of "
-            f"{quoted(hinges[0].name)}: a plant's links swing in one plane"
+            f"the axis of joint {other} is turned by {math.degrees(turned):.3g}° from that of {one}: a plant's "
+            "links swing in one plane"
         )
-    down = unit(down - (down @ axes[0]) * axes[0], "gravity")
-    return _Plane(axes[0], down, np.cross(axes[0], down))
+    down = unit(down - (down @ first) * first, "gravity")
+    return _Plane(first, down, np.cross(first, down))
 
 
-def _about_joint(chain: _Chain, inertia: str | None, asked: bool, notes: list[str]) -> bool:
+def _about_joint(links: Sequence[_Link], inertia: str | None, asked: bool, notes: list[str]) -> bool:
     """Whether the stated inertias of both links are about their joints; what was taken is noted."""
     readings = []
-    for body, hinge in zip(chain.hinged, chain.hinges, strict=True):
+    for hinge, ((body, _), *_) in links:
         for part in body.parts:
             arm = np.cross(hinge.axis, part.centre - hinge.anchor)
             if part.stated and part.mass > 0:
@@ -280,61 +257,59 @@ def _about_joint(chain: _Chain, inertia: str | None, asked: bool, notes: list[st
     return inertia == "joint"
 
 
-def _link(chain: _Chain, link: int, about_joint: bool) -> tuple[float, np.ndarray, float]:
+def _masses(link: _Link, plane: _Plane, about_joint: bool) -> tuple[float, np.ndarray, float]:
     """Mass (kg), centre of mass from the joint in the plane (m) and inertia about the joint (kg m²)."""
     mass, moment, inertia = 0.0, np.zeros(2), 0.0
-    for body, place in chain.parts_of(link):
-        axis = place.rotation.T @ chain.plane.axis
+    for body, place in link.bodies:
+        axis = place.rotation.T @ plane.axis
         for part in body.parts:
-            centre = chain.plane.flat(place.point(part.centre)) - chain.joints[link]
+            centre = plane.flat(place.point(part.centre)) - plane.joint(link)
             own = float(axis @ part.inertia @ axis)
             stated = about_joint and part.stated and body.hinge is not None
             mass, moment = mass + part.mass, moment + part.mass * centre
             inertia += own if stated else own + part.mass * float(centre @ centre)
     if not mass > 0:
-        raise SwingupError(f"link {quoted(chain.hinged[link].name)} has no mass")
+        raise SwingupError(f"link {quoted(link.bodies[0][0].name)} has no mass")
     return mass, moment / mass, inertia
 
 
-def _check_line(chain: _Chain, off: float, l1: float, notes: list[str]) -> None:
+def _check_line(link: _Link, off: float, l1: float, notes: list[str]) -> None:
     """Refuse or note a centre of link 1 that is so far (m) beside the line from joint to joint."""
+    beside = f"lies {abs(off):.3g} m beside the line from joint to joint"
     if abs(off) > OFF_LINE * l1:
-        raise SwingupError(
-            f"the centre of mass of link {quoted(chain.hinged[0].name)} lies {abs(off):.3g} m beside the line from "
-            "joint to joint, and a plant has it on that line"
-        )
+        name = quoted(link.bodies[0][0].name)
+        raise SwingupError(f"the centre of mass of link {name} {beside}, and a plant has it on that line")
     if abs(off) > TURNED * l1:
-        notes.append(
-            f"left out: the centre of mass of link 1 lies {abs(off):.3g} m beside the line from joint to joint"
-        )
+        notes.append(f"left out: the centre of mass of link 1 {beside}")
 
 
-def _tip(chain: _Chain, reach: float) -> tuple[str, np.ndarray] | None:
+def _tip(link: _Link, plane: _Plane, reach: float) -> tuple[str, np.ndarray] | None:
     """What ends link 2 and where from the elbow (m): the farthest frame, or else the farthest end of a shape.
 
     Frames near the elbow, within half the centre's distance (m), are something else.
     """
-    marks = [
-        (f"frame {quoted(name)}", place.point(at)) for body, place in chain.parts_of(1) for name, at in body.marks
-    ]
-    ends = [("the end of its shape", place.point(at)) for body, place in chain.parts_of(1) for at in body.ends]
+    marks = [(f"frame {quoted(name)}", place.point(at)) for body, place in link.bodies for name, at in body.marks]
+    ends = [("the end of its shape", place.point(at)) for body, place in link.bodies for at in body.ends]
     for found in (marks, ends):
-        far = [(name, chain.plane.flat(at) - chain.joints[1]) for name, at in found]
+        far = [(name, plane.flat(at) - plane.joint(link)) for name, at in found]
         name, at = max(far, key=lambda each: float(np.hypot(*each[1])), default=("", np.zeros(2)))
         if float(np.hypot(*at)) > max(0.5 * reach, NOTHING):
             return name, at
     return None
 
 
-def _angles(chain: _Chain, hanging: tuple[float, float], notes: list[str]) -> tuple[Relation, Relation]:
+def _angles(
+    links: tuple[_Link, _Link], hanging: tuple[float, float], notes: list[str]
+) -> tuple[Relation, Relation]:
     """How q1 and q2 follow from the file's angles, of which those that the frames show are given for q (rad)."""
     found, told = [], []
-    for number, (sign, angle, hinge) in enumerate(zip(chain.signs, hanging, chain.hinges, strict=True), 1):
-        offset = math.remainder(angle - sign * hinge.zero, 2 * math.pi)
+    for number, (link, angle) in enumerate(zip(links, hanging, strict=True), 1):
+        sign = math.copysign(1.0, float(links[0].axis @ link.axis))
+        offset = math.remainder(angle - sign * link.hinge.zero, 2 * math.pi)
         offset += 2 * math.pi if offset < TURNED - math.pi else 0.0  # π, also where rounding makes it -π
         plain = "" if sign > 0 else "-"
         shown = f"{offset:.4g} {plain or '+'} " if abs(offset) > TURNED else plain
-        told.append(f"q{number} = {shown}{quoted(hinge.name)}")
+        told.append(f"q{number} = {shown}{quoted(link.hinge.name)}")
         found.append((sign, offset))
     if any(sign < 0 or abs(offset) > TURNED for sign, offset in found):
         notes.append(f"angles: {' and '.join(told)}")

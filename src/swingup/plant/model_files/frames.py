@@ -12,16 +12,13 @@ from ...common.xml_tree import Attributes
 Vector: TypeAlias = np.ndarray
 """Three numbers."""
 
-Matrix: TypeAlias = np.ndarray
-"""Three rows of three."""
-
 AXES = dict(zip("xyz", np.eye(3), strict=True))
 
 
 class Frame(NamedTuple):
     """Where a frame lies in another one."""
 
-    rotation: Matrix = np.eye(3)
+    rotation: np.ndarray = np.eye(3)
     origin: Vector = np.zeros(3)
 
     def point(self, place: Vector) -> Vector:
@@ -33,11 +30,11 @@ class Frame(NamedTuple):
         return Frame(outer.rotation @ self.rotation, outer.point(self.origin))
 
 
-def turn(axis: Vector, angle: float) -> Matrix:
+def turn(axis: Vector, angle: float) -> np.ndarray:
     """The rotation by an angle (rad) about a unit vector, by Rodrigues' formula."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turned: Matrix = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * (cross @ cross)
+    turned: np.ndarray = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * (cross @ cross)
     return turned
 
 
@@ -53,7 +50,7 @@ def unit(vector: Vector, where: str) -> Vector:
     return vector / length
 
 
-def turn_onto(direction: Vector) -> Matrix:
+def turn_onto(direction: Vector) -> np.ndarray:
     """The smallest rotation that turns z into a direction, a unit vector."""
     axis = np.cross(AXES["z"], direction)
     sine = float(np.linalg.norm(axis))
@@ -62,10 +59,8 @@ def turn_onto(direction: Vector) -> Matrix:
     return turn(axis / sine, math.atan2(sine, float(direction[2])))
 
 
-def rpy_frame(origin: Attributes | None) -> Frame:
+def rpy_frame(origin: Attributes) -> Frame:
     """The frame of URDF's ``<origin xyz rpy>``: turned about the fixed axes x, y and z in this order."""
-    if origin is None:
-        return Frame()
     angles = origin.numbers("rpy", (0, 0, 0))
     x, y, z = (turn(AXES[axis], angle) for axis, angle in zip("xyz", angles, strict=True))
     return Frame(z @ y @ x, origin.numbers("xyz", (0, 0, 0)))
@@ -75,7 +70,7 @@ TURNS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 """MJCF's ways to write a rotation, of which an element has one."""
 
 
-def mjcf_rotation(given: Attributes, degree: float, sequence: str) -> Matrix:
+def mjcf_rotation(given: Attributes, degree: float, sequence: str) -> np.ndarray:
     """The rotation that an element of MJCF has.
 
     Args:

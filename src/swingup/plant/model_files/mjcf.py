@@ -62,9 +62,9 @@ class _Reading:
         """The unit of angles (rad)."""
         return 1.0 if self.compiler.text("angle", "degree") == "radian" else math.pi / 180
 
-    def has(self, flag: str) -> bool:
-        """Whether the file leaves a part of the physics on."""
-        return self.flags.get(flag, "enable") == "enable"
+    def has(self, *flags: str) -> bool:
+        """Whether the file leaves parts of the physics on."""
+        return all(self.flags.get(flag, "enable") == "enable" for flag in flags)
 
     def attributes(self, element: Element, within: str, kind: str = "") -> Attributes:
         """An element's attributes, with those of its default class."""
@@ -97,7 +97,7 @@ def read_mjcf(root: Element, about: str | None, gear: float | None) -> Model:
     found_gear = _read_motors(root, reading)
     for world in root.findall("worldbody"):
         _walk(world, None, Frame(), MAIN, reading)
-    if reading.collides and reading.has("contact") and reading.has("constraint"):
+    if reading.collides and reading.has("contact", "constraint"):
         reading.notes.append("left out: contacts of the links")
     gravity = reading.option.numbers("gravity", (0, 0, -9.81)) * reading.has("gravity")
     return double_pendulum(reading.bodies, gravity, gear or found_gear, reading.notes, about, asked=False)
@@ -199,8 +199,9 @@ def _end_of(given: Attributes, kind: str, reading: _Reading) -> float:
 def _is_limited(given: Attributes, flag: str, name: str, reading: _Reading) -> bool:
     """Whether a range has an effect: where the flag is set, or the range is there and the flag says nothing."""
     chosen = given.text(flag, "auto")
-    usual = name in given.values and reading.compiler.text("autolimits", "true") == "true"
-    return usual if chosen == "auto" else chosen == "true"
+    if chosen != "auto":
+        return chosen == "true"
+    return name in given.values and reading.compiler.text("autolimits", "true") == "true"
 
 
 def _walk(element: Element, parent: int | None, frame: Frame, usual: str, reading: _Reading) -> None:
@@ -309,15 +310,15 @@ def _hinge(element: Element, within: Frame, usual: str, reading: _Reading) -> Hi
     if kind != "hinge":
         raise SwingupError(f"joint {quoted(name)} is {quoted(kind)}: a plant's two joints are hinges")
     springs = given.numbers("stiffness", (0, 0, 0), 1).any() or given.numbers("springdamper", (0, 0)).any()
-    if springs and reading.has("passive") and reading.has("spring"):
+    if springs and reading.has("passive", "spring"):
         raise SwingupError(f"joint {quoted(name)} has a spring, which has no place in a plant: remove it")
-    damping = given.numbers("damping", (0, 0, 0), 1) * (reading.has("passive") and reading.has("damper"))
+    damping = given.numbers("damping", (0, 0, 0), 1) * reading.has("passive", "damper")
     if damping[1:].any():
         raise SwingupError(f"joint {quoted(name)} has damping that is not linear: write one number")
-    dry = given.number("frictionloss", 0.0) * (reading.has("frictionloss") and reading.has("constraint"))
+    dry = given.number("frictionloss", 0.0) * reading.has("frictionloss", "constraint")
     if dry:
         reading.notes.append(f"dry friction of {dry:g} N m in joint {quoted(name)} is cf = {dry / AT_SPEED:.4g}")
-    if _is_limited(given, "limited", "range", reading) and reading.has("limit") and reading.has("constraint"):
+    if _is_limited(given, "limited", "range", reading) and reading.has("limit", "constraint"):
         low, high = reading.degree * given.numbers("range", (0, 0))
         reading.notes.append(f"left out: the stops of joint {quoted(name)} at {low:.4g} and {high:.4g} rad")
     limit = reading.limits.get(name, 0.0 if reading.limits else math.inf)

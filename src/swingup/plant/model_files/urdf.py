@@ -52,24 +52,18 @@ def read_urdf(root: Element, inertia: str | None, gear: float | None) -> Model:
     for name in order:
         joint = carried.get(name)
         hinge = None if joint is None else _hinge(joint, driven, notes)
-        bodies.append(
-            Body(
-                name,
-                None if joint is None else order.index(_end(joint, "parent")),
-                Frame() if joint is None else rpy_frame(_child(joint, "origin")),
-                hinge,
-                _parts(links.get(name)),
-                [] if joint is None or hinge is not None else [(name, np.zeros(3))],
-                _shape_ends(links.get(name)),
-            )
-        )
+        parent = None if joint is None else order.index(_end(joint, "parent"))
+        frame = Frame() if joint is None else rpy_frame(_child(joint, "origin"))
+        marks = [] if joint is None or hinge is not None else [(name, np.zeros(3))]
+        link = links.get(name, Element("link"))
+        bodies.append(Body(name, parent, frame, hinge, _parts(link), marks, _shape_ends(link)))
     for element in root.findall("frame"):  # Drake's
         given = attributes_of(element)
         if given.text("link") in order:
             bodies[order.index(given.text("link"))].marks.append((given.text("name"), rpy_frame(given).origin))
     own = _child(root, OURS)
-    gravity = np.array([0.0, 0.0, -(own.number("gravity", GRAVITY) if own else GRAVITY)])
-    about = inertia or (own and own.text("inertia")) or None
+    gravity = np.array([0.0, 0.0, -own.number("gravity", GRAVITY)])
+    about = inertia or own.text("inertia") or None
     return double_pendulum(bodies, gravity, gear or found_gear, notes, about, asked=True)
 
 
@@ -84,17 +78,19 @@ def _named(root: Element, tag: str) -> dict[str, Element]:
     return found
 
 
-def _child(element: Element, tag: str) -> Attributes | None:
+def _child(element: Element, tag: str) -> Attributes:
+    """The attributes of the element's first child of this tag; none where it has no such child."""
     found = element.find(tag)
-    return None if found is None else attributes_of(found, f"{tag}> of <{element.tag} {element.get('name', '')}")
+    where = f"{tag}> of <{element.tag} {element.get('name', '')}"
+    return attributes_of(Element(tag) if found is None else found, where)
 
 
 def _end(joint: Element, tag: str) -> str:
     """The link that a joint names as its parent or child."""
-    given = _child(joint, tag)
-    if given is None or not given.text("link"):
+    link = _child(joint, tag).text("link")
+    if not link:
         raise SwingupError(f"joint {quoted(joint.get('name', ''))} has no <{tag} link>")
-    return given.text("link")
+    return link
 
 
 def _order(carried: Mapping[str, Element], links: Mapping[str, Element]) -> list[str]:
@@ -121,27 +117,21 @@ def _hinge(joint: Element, driven: Mapping[str, float], notes: list[str]) -> Hin
     if joint.find("mimic") is not None:
         raise SwingupError(f"joint {quoted(name)} mimics another one: a plant's joints move on their own")
     axis, limit, dynamics = (_child(joint, tag) for tag in ("axis", "limit", "dynamics"))
-    given = (1.0, 0.0, 0.0) if axis is None else axis.numbers("xyz", (1, 0, 0))
-    if limit is not None and kind == "revolute":
+    if limit.values and kind == "revolute":
         low, high = limit.number("lower", 0.0), limit.number("upper", 0.0)
         notes.append(f"left out: the stops of joint {quoted(name)} at {low:.4g} and {high:.4g} rad")
-    effort = None if limit is None or "effort" not in limit.values else limit.number("effort", 0.0)
+    effort = limit.number("effort", 0.0) if "effort" in limit.values else None
     if effort is None and driven and name not in driven:
         effort = 0.0  # other joints have motors
-    friction = 0.0 if dynamics is None else dynamics.number("friction", 0.0)
-    if friction:
+    if friction := dynamics.number("friction", 0.0):
         notes.append(
             f"friction of joint {quoted(name)} is taken as cf = {friction:g} N m, of which π/2 times acts at speed"
         )
-    return Hinge(
-        name,
-        unit(np.array(given), f"joint {quoted(name)}"),
-        np.zeros(3),
-        0.0 if dynamics is None else dynamics.number("damping", 0.0),
-        friction,
-        driven.get(name, 0.0),
-        effort,
+    direction, damping = (
+        unit(axis.numbers("xyz", (1, 0, 0)), f"joint {quoted(name)}"),
+        dynamics.number("damping", 0.0),
     )
+    return Hinge(name, direction, np.zeros(3), damping, friction, driven.get(name, 0.0), effort)
 
 
 def _transmissions(root: Element) -> tuple[float, dict[str, float]]:
@@ -159,31 +149,26 @@ def _transmissions(root: Element) -> tuple[float, dict[str, float]]:
     return gear, driven
 
 
-def _parts(link: Element | None) -> list[Part]:
+def _parts(link: Element) -> list[Part]:
     """The mass of a link, if it has any."""
-    inertial = None if link is None else link.find("inertial")
-    if link is None or inertial is None:
+    inertial, where = link.find("inertial"), f"link {quoted(link.get('name', ''))}"
+    if inertial is None:
         return []
-    where = f"link {quoted(link.get('name', ''))}"
-    mass, given = inertial.find("mass"), inertial.find("inertia")
-    kilograms = 0.0 if mass is None else Attributes(mass.attrib, f"mass of {where}").number("value", 0.0)
-    if kilograms < 0:
-        raise SwingupError(f"mass of {where} = {kilograms:g} kg must not be negative")
-    if kilograms > 0 and given is None:
+    mass = Attributes(_child(inertial, "mass").values, f"mass of {where}").number("value", 0.0)
+    if mass < 0:
+        raise SwingupError(f"mass of {where} = {mass:g} kg must not be negative")
+    if mass > 0 and inertial.find("inertia") is None:
         raise SwingupError(f"{where} has a mass and no <inertia>: add it")
-    names, tensor = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), np.zeros((3, 3))
-    moments = Attributes({} if given is None else given.attrib, f"inertia of {where}")
-    for name in names:
-        row, column = ("xyz".index(letter) for letter in name[1:])
-        tensor[row, column] = tensor[column, row] = moments.number(name, 0.0)
+    moments = Attributes(_child(inertial, "inertia").values, f"inertia of {where}")
+    tensor = np.array([[moments.number("i" + min(a + b, b + a), 0.0) for a in "xyz"] for b in "xyz"])
     frame = rpy_frame(_child(inertial, "origin"))
-    return [Part(kilograms, frame.origin, frame.rotation @ tensor @ frame.rotation.T)]
+    return [Part(mass, frame.origin, frame.rotation @ tensor @ frame.rotation.T)]
 
 
-def _shape_ends(link: Element | None) -> list[np.ndarray]:
+def _shape_ends(link: Element) -> list[np.ndarray]:
     """Ends of the shapes by which a link is drawn or collides."""
     found: list[np.ndarray] = []
-    for element in () if link is None else (*link.findall("visual"), *link.findall("collision")):
+    for element in (*link.findall("visual"), *link.findall("collision")):
         frame = rpy_frame(_child(element, "origin"))
         for shape in element.iterfind("geometry/*"):
             given = attributes_of(shape)
