@@ -33,6 +33,8 @@ class Maths(NamedTuple):
     where: Callable[[Any, Number, Number], Number]
     place: Callable[[Number], Any]
     """The nearest whole number, as a place in an array."""
+    number: Callable[[Any], Number]
+    """The number of an array without axes."""
     numbers: Callable[[Any], tuple[Number, ...]]
     """The numbers of a vector."""
     vector: Callable[[Any], Any]
@@ -60,6 +62,14 @@ def sine_cosine(angle: float) -> tuple[float, float]:
     return (math.sin(angle), math.cos(angle)) if math.isfinite(angle) else (math.nan, math.nan)
 
 
+def finite(values: np.ndarray) -> bool:
+    """Whether all numbers of an array are finite."""
+    if values.ndim == 1:
+        return all(map(math.isfinite, values.tolist()))
+    # 0 times what is not finite is NaN; of a matrix a product is faster than a test of each number.
+    return bool(np.vdot(values, 0.0 * values) == 0.0)
+
+
 NUMPY = Maths(
     xp=np,
     sine_cosine=sine_cosine,
@@ -69,11 +79,11 @@ NUMPY = Maths(
     root=math.sqrt,
     minimum=min,
     maximum=max,
-    # 0 times what is not finite is NaN; a product is faster than a test of each number.
-    finite=lambda values: np.vdot(values, 0.0 * values) == 0.0,
+    finite=finite,
     where=lambda condition, yes, no: yes if condition else no,
     place=round,
     # Python's floats: a product of NumPy's scalars takes three times as long.
+    number=float,
     numbers=lambda values: tuple(values.tolist()),
     vector=np.array,
     window=lambda rows, start, size: rows[start : start + size],

@@ -10,10 +10,10 @@ from jaxtyping import Array, Float
 from ...common.types import State, Torque
 from ...plant.plant import Plant
 from ...plant.robots import Robot
-from ...plant.units import C1, Scales, scaled, scales_of, similar_plant
+from ...plant.units import Scales, scales_of
 from ...policy.estimator import core
 from ...policy.estimator.core import EstimatorState, Loop
-from ...policy.estimator.settings import EstimatorSettings, default_estimator, own_estimator
+from ...policy.estimator.settings import EstimatorSettings, default_estimator
 from ...policy.identifier import core as identifier
 from ...policy.identifier.core import Found
 from ...policy.identifier.settings import IdentifierSettings
@@ -48,14 +48,10 @@ class EstimatingController(AbstractController[EstimatorMemory]):
     @property
     def loop(self) -> Loop:
         """What the estimator knows, and its identifier if it has one."""
-        s, joint, finding = own_estimator(self.settings, self.scales), self.robot.joint, None
-        plant = similar_plant(self.plant, self.scales)
-        if self.identifier is not None:
-            own = scaled(self.identifier, C1.over(self.scales))
-            finding = identifier.make_loop(plant, joint, s.dt, s.max_delay_steps, own)
-            if self.prior is not None:
-                finding = finding._replace(mean=self.prior[0], covariance=self.prior[1])
-        return core.make_loop(s, plant, joint, finding, self.scales.time)
+        loop = core.make_loop(self.settings, self.plant, self.robot.joint, self.identifier)
+        if self.prior is None or loop.finding is None:
+            return loop
+        return loop._replace(finding=loop.finding._replace(mean=self.prior[0], covariance=self.prior[1]))
 
     @property
     def scales(self) -> Scales:

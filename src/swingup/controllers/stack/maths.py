@@ -32,6 +32,7 @@ JAX = Maths(
     finite=lambda values: jnp.isfinite(values).all(),
     where=jnp.where,
     place=lambda number: jnp.rint(number).astype(int),
+    number=lambda value: value,
     numbers=unpack,
     vector=jnp.stack,
     window=lambda rows, start, size: jax.lax.dynamic_slice_in_dim(rows, start, size),

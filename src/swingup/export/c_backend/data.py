@@ -23,6 +23,13 @@ Data = dict[str, int | float | str | np.ndarray]
 """Numbers, texts and arrays by their names, without the prefix."""
 
 
+AS_IN_PYTHON = (
+    "BANDWIDTH", "RELATIVE_FLOOR", "GATE_HOLD", "STUDENT", "RISE_TIME", "FALL_TIME", "MARGIN", "FARTHEST",
+    "MOST_OFFSET", "AGE_CAUTION", "UNEVEN_FADING",
+)  # fmt: skip
+"""Constants of the identifier that the runtime has under the same names."""
+
+
 def runtime_data(policy: PendulumPolicy) -> dict[str, Data]:
     """All that the runtime needs, part by part."""
     parts = {
@@ -142,23 +149,13 @@ def identifier_data(policy: PendulumPolicy, loop: EstimatorSettings) -> Data:
         "UNKNOWNS": len(mean),
         "SPAN": i.span(dt),
         "COMMANDS": i.commands(dt, loop.max_delay_steps),
-        "BANDWIDTH": i.BANDWIDTH,
-        "RELATIVE_FLOOR": i.RELATIVE_FLOOR,
+        **{name: getattr(i, name) for name in AS_IN_PYTHON},
         "GATE_SQUARED": i.GATE_SIGMAS**2,
-        "GATE_HOLD": i.GATE_HOLD,
-        "STUDENT": i.STUDENT,
         "CORRELATION": i.POLES / i.BANDWIDTH,
-        "RISE_TIME": i.RISE_TIME,
-        "FALL_TIME": i.FALL_TIME,
-        "MARGIN": i.MARGIN,
-        "FARTHEST": i.FARTHEST,
         "CLOSE_RATES": CLOSE_RATES,
         "TILT_RATIO": mean[2] / mean[3],
         "PASSIVE_LIMIT": policy.torque_limits[1 - policy.robot.joint] / scales.torque,
         "LEAST_GAIN": LEAST_GAIN,
-        "MOST_OFFSET": i.MOST_OFFSET,
-        "AGE_CAUTION": i.AGE_CAUTION,
-        "UNEVEN_FADING": i.UNEVEN_FADING,
         "UNEVEN_SQUARED": i.UNEVEN_STEP**2,
         "mean": mean,
         "prior": covariance,

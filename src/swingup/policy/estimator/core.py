@@ -44,11 +44,12 @@ from ...plant.damped import Friction, damped_midpoint_step
 from ...plant.equations import Lumped, Number, Pair, friction, lump
 from ...plant.maths import Maths
 from ...plant.plant import Plant
+from ...plant.units import C1, scaled, scales_of, similar_plant
 from ..identifier import core as identifier
 from ..identifier.compensation import Load
 from ..identifier.core import Array, Found, IdentifierState
-from ..identifier.settings import LONGEST_STEP
-from .settings import EstimatorSettings, kalman_gains
+from ..identifier.settings import LONGEST_STEP, IdentifierSettings
+from .settings import EstimatorSettings, kalman_gains, own_estimator
 
 RESET_SIGMAS = 100
 """An estimate restarts where its rate is this many standard deviations off the measured one: that has jumped."""
@@ -77,8 +78,8 @@ class Loop(NamedTuple):
     """The nominal plant."""
     delays: np.ndarray
     """0 to the longest one (steps)."""
-    gains: Array
-    """Kalman gains (2, 2) of a joint, from the misses of its angle and its rate to corrections of both."""
+    gains: tuple[float, ...]
+    """Kalman gains of a joint, row by row: from the misses of its angle and its rate to corrections of both."""
     finding: identifier.Loop | None = None
     """Identifies the plant; None for the nominal model."""
     time_unit: float = 1.0
@@ -86,23 +87,24 @@ class Loop(NamedTuple):
 
 
 def make_loop(
-    settings: EstimatorSettings,
-    plant: Plant,
-    joint: int,
-    finding: identifier.Loop | None = None,
-    time_unit: float = 1.0,
+    settings: EstimatorSettings, plant: Plant, joint: int, finding: IdentifierSettings | None = None
 ) -> Loop:
-    """What an estimator knows of a plant's loop.
+    """What an estimator knows of a plant's loop, in C.1's units.
 
     Args:
         settings: what to expect of measurement and loop.
         plant: the nominal plant.
         joint: index of the driven joint.
-        finding: what identifies the plant, which is the model then.
-        time_unit: unit of time (s) of settings and plant.
+        finding: settings of what identifies the plant, which is the model then.
     """
-    delays, model = np.arange(settings.max_delay_steps + 1.0), (lump(plant), plant.friction, None)
-    return Loop(settings, joint, model, delays, kalman_gains(settings), finding, time_unit)
+    scales = scales_of(plant)
+    s, plant, identifies = own_estimator(settings, scales), similar_plant(plant, scales), None
+    if finding is not None:
+        own = scaled(finding, C1.over(scales))
+        identifies = identifier.make_loop(plant, joint, s.dt, s.max_delay_steps, own)
+    delays, model = np.arange(s.max_delay_steps + 1.0), (lump(plant), plant.friction, None)
+    gains = tuple(kalman_gains(s).ravel().tolist())
+    return Loop(s, joint, model, delays, gains, identifies, scales.time)
 
 
 class EstimatorState(NamedTuple):
@@ -244,11 +246,10 @@ def _follow(
 ) -> EstimatorState:
     """One step of dt (s) of the filter in charge and of the bank, for angles of an age (calls), or in a gap."""
     xp = maths.xp
-    gains = maths.where(lost, 0.0, 1.0) * xp.asarray(loop.gains, state.state.dtype)
-    gains = maths.numbers(gains.reshape(4))
-    (torque,) = maths.numbers(state.torques[state.delay_steps][None])
+    follows = maths.where(lost, 0.0, 1.0)
+    gains, torque = tuple(follows * each for each in loop.gains), maths.number(state.torques[state.delay_steps])
     predicted = step(maths, loop, model, state.state, (torque,), dt)
-    miss = maths.where(lost, 0.0 * predicted, x - predicted)
+    miss = maths.choose(lost, lambda: 0.0 * predicted, x - predicted)
     angles, rates = maths.nearest(miss[:2]), miss[2:]
 
     extra = (state.torques - torque)[:, None] * response(maths, loop, model, state.state)
@@ -284,7 +285,7 @@ def _correction(gains: tuple[Number, ...], angles: Array, rates: Array) -> tuple
 
 def _ahead(maths: Maths, loop: Loop, state: EstimatorState, dt: Number, model: Model) -> Array:
     """The state after the delay, steps of dt (s), in pieces with the mean of the torques that act in each."""
-    xp, (steps,) = maths.xp, maths.numbers((state.delay_steps / PREDICTION_STEPS)[None])
+    xp, steps = maths.xp, maths.number(state.delay_steps / PREDICTION_STEPS)
     # How much of each torque's step lies before a piece's ends: it began and will end so many steps ago.
     pieces, delays = (xp.asarray(each, state.evidence.dtype) for each in (PIECES, loop.delays))
     passed = xp.minimum(xp.maximum(pieces * steps - delays, 0.0), 1.0)

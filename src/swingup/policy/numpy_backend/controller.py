@@ -10,7 +10,7 @@ from ...plant.robots import Robot
 from ...plant.units import C1, scaled, scales_of, similar_plant
 from ..contract import LoopController
 from ..estimator import core as estimator
-from ..estimator.settings import default_estimator, own_estimator
+from ..estimator.settings import default_estimator
 from ..guard.settings import GuardChoice, choose_guard
 from ..identifier import core as identifier
 from ..identifier.core import Found
@@ -32,21 +32,18 @@ class NumpyPolicy:
         """Take a policy behind an estimator where its file has one (None), never (False) or always (True)."""
         self.policy, self._joint, self._network = policy, policy.robot.joint, NumpyNetwork(policy)
         joint, scales = self._joint, scales_of(policy.plant)
-        own, plant = C1.over(scales), similar_plant(policy.plant, scales)
+        own = C1.over(scales)
         # All but the network computes in C.1's units.
         self._scales, self._rates, self._base = scales, np.array(own.state), np.array(scales.base)
         self.loop: estimator.Loop | None = None
         self.shortest_pause = 0.0
         if policy.estimator is not None if estimated is None else estimated:
-            finding, settings = None, own_estimator(policy.estimator or default_estimator(policy.plant), scales)
-            if policy.identifier is not None:
-                times = settings.dt, settings.max_delay_steps
-                finding = identifier.make_loop(plant, joint, *times, scaled(policy.identifier, own))
-            self.loop = estimator.make_loop(settings, plant, joint, finding, scales.time)
-            self.shortest_pause = SHORTEST_STEP * settings.dt * scales.time
+            settings = policy.estimator or default_estimator(policy.plant)
+            self.loop = estimator.make_loop(settings, policy.plant, joint, policy.identifier)
+            self.shortest_pause = SHORTEST_STEP * settings.dt
         self._regulator: regulator.Loop | None = None
         if policy.regulator is not None:
-            limit = policy.torque_limit / scales.torque
+            plant, limit = similar_plant(policy.plant, scales), policy.torque_limit / scales.torque
             self._regulator = regulator_loop(scaled(policy.regulator, own), plant, joint, limit)
             self._held = held(self._regulator, base_parameters(plant).tolist())
         self.reset()
@@ -84,7 +81,6 @@ class NumpyPolicy:
         if self.loop.finding is None or self.state.identified is None:
             return
         self.found = identifier.found(NUMPY, self.loop.finding, self.state.identified)
-        self._network.tell(self._base * self.found.told)
         if self._regulator is not None:
             self._held = held(self._regulator, self.found.told)
 
@@ -94,6 +90,8 @@ class NumpyPolicy:
             self._regulated, torque = regulator.regulate(NUMPY, self._regulator, self._regulated, self._held, x)
             if self._regulated.acting:
                 return float(torque) * self._scales.torque
+        if self.found is not None:
+            self._network.tell(self._base * self.found.told)
         return self._network(x / self._rates)
 
 
