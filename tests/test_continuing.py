@@ -7,7 +7,6 @@ from gymnasium.utils.env_checker import check_env
 
 from swingup import AREAPO
 from swingup.cli import main
-from swingup.common.errors import SwingupError
 from swingup.continuing import CONTINUING
 from swingup.learner.run_settings import is_continuing
 
@@ -113,17 +112,6 @@ def test_chosen_resets():
     observation, reward, *_ = env.step(always)
     assert observation[0] == pytest.approx(1.25, abs=0.006)
     assert reward < -5.0
-
-
-def test_refused():
-    for arguments, words in [
-        ({"task": "Hoper"}, "Hopper"),
-        ({"task": "Hopper", "resets": "some"}, "chosen"),
-        ({"task": "Swimmer", "resets": "chosen"}, "no resets to choose"),
-        ({"task": "Hopper", "reset_cost": float("nan")}, "reset_cost"),
-    ]:
-        with pytest.raises(SwingupError, match=words):
-            gymnasium.make("swingup/ContinuingHopper-v0", **arguments)
 
 
 def test_the_learner_counts_the_resets_and_the_command_shows_them(tmp_path, capsys):

@@ -58,32 +58,15 @@ def browser():
         chromium.close()
 
 
-@pytest.mark.parametrize(
-    ("prose", "html"),
-    [
-        ("<p>the gain ρ_H (γ_H)</p>", "<p>the gain ρ<sub>H</sub> (γ<sub>H</sub>)</p>"),
-        ("u_k and u_kᵀ, Δq_k", "u<sub>k</sub> and u<sub>k</sub>ᵀ, Δq<sub>k</sub>"),
-        ("s'_t, A_{t+1}, x_ij, π_θ", "s'<sub>t</sub>, A<sub>t+1</sub>, x<sub>ij</sub>, π<sub>θ</sub>"),
-        ("<code>ρ_H</code> <pre><code>ρ_H</code> ρ_H</pre>", None),
-        ('<a href="#x_H" title="ρ_H">t_final, num_envs, __init__</a>', None),
-    ],
-)
-def test_symbols_of_the_prose_get_subscripts(prose, html):
+def test_symbols_of_the_prose_get_subscripts():
     pytest.importorskip("latex2mathml", reason="the site's packages are not installed")
     hook = load_hook("mathematics")
-    assert hook.on_page_content(prose, None, None, None) == (html or prose)
-
-
-def test_limits_stand_above_and_below():
-    pytest.importorskip("latex2mathml", reason="the site's packages are not installed")
-    equation = load_hook("mathematics").equation
-    for latex, stacked in {
-        r"\left[ \sum_{t=0}^{T-1} r_t \right]": "munderover",
-        r"\lim_{T \to \infty} x_T": "munder",
-    }.items():
-        mathml = equation(latex)
-        assert f"<{stacked}>" in mathml
-        assert mathml.count("<msub>") == 1  # of the variable
+    for prose, html in (
+        ("<p>ρ_H, u_kᵀ, A_{t+1}</p>", "<p>ρ<sub>H</sub>, u<sub>k</sub>ᵀ, A<sub>t+1</sub></p>"),
+        ("<code>ρ_H</code> <pre><code>ρ_H</code> ρ_H</pre>", None),
+        ('<a href="#x_H" title="ρ_H">t_final, num_envs, __init__</a>', None),
+    ):
+        assert hook.on_page_content(prose, None, None, None) == (html or prose)
 
 
 @pytest.mark.slow

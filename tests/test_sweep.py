@@ -1,6 +1,5 @@
 """Sweeps and searches: what is planned, what is not repeated, what goes on, what survives a kill."""
 
-import contextlib
 import json
 import math
 import multiprocessing
@@ -13,7 +12,6 @@ import time
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import swingup
@@ -235,26 +233,16 @@ def test_rows_summarise_by_hand():
 BAD = {
     "sweep": "robot = None and env = None",
     "sweep acrobot --seeds 2147483648": "2,147,483,648 runs",
-    "sweep acrobot --seeds 0": "seeds = 0",
     "sweep acrobot --frames 0": "frames = 0",
-    "sweep acrobot --workers 0": "workers = 0",
     "sweep acrobot --no-pruning": "--trials",
     "sweep acrobot --set learning_rate=1,1 --frames 64": "once",
-    "sweep acrobot --set batch_size=1000": "batch_size = 1000",
-    "sweep acrobot --set num_epochs=1:3": "num_epochs=1:3",
     "sweep acrobot --set learning_rate": "NAME=VALUE",
     "sweep acrobot --set learnig_rate=3": "learning_rate?",
-    "sweep acrobot --set presett=ppo": "preset?",
     "sweep acrobot --set learning_rate=fast": "'fast'",
     "sweep --env CartPole-v1 --trials 3": "what varies",
-    "sweep acrobot --trials 0 --set num_epochs=1:3": "trials = 0",
-    "sweep acrobot --trials 3 --set num_epochs=1:3 num_epochs=4": "'1:3,4'",
     "sweep acrobot --trials 3 --set preset=a:b": "'a'",
-    "sweep acrobot --trials 3 --set learning_rate=1e-4:1e-2:lin": "1e-4:1e-2:lin",
     "sweep acrobot --trials 3 --set learning_rate=1e-2:1e-4": "'1e-2:1e-4'",
-    "sweep acrobot --trials 3 --set learning_rate=0:1:log": "'0:1:log'",
     "sweep acrobot --trials 3 --set log_std_init=-1:3": "log_std_init = 3.0",
-    "sweep acrobot --trials 3 --set n_epochs=1:3": "num_epochs",
 }
 
 
@@ -408,27 +396,8 @@ def test_searches_that_are_refused(tmp_path, searched, monkeypatch):
     for content in (b"no database", whole[:5000], whole.replace(b"CREATE TABLE", b"CREATE TABEL")):
         storage.write_bytes(content)
         refused(r"cannot read .*study\.db .*: restore it, or choose another --out")
-    refused("and what varies", ["learning_rate"])
-    refused(r"seed = 1\.5", seed=1.5)
-    with pytest.raises(SwingupError, match="name a Gymnasium id"):
-        swingup.search(lambda: None, SPACE, 1, tmp_path)
     monkeypatch.setitem(sys.modules, "optuna", None)
     refused(r"a search needs Optuna: pip install 'swingup\[optuna\]'")
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore")  # Optuna's, of a slower alternative
-def test_a_damaged_study_ends_in_a_line(tmp_path, searched):
-    searched(tmp_path, 3, StandIn())
-    storage, random = tmp_path / "study.db", np.random.default_rng(0)
-    whole = storage.read_bytes()
-    for _ in range(60):
-        damaged = np.frombuffer(whole, np.uint8)[: random.choice([len(whole), random.integers(len(whole))])].copy()
-        places = random.integers(len(damaged), size=random.choice([1, 10, 100, 1000])) if len(damaged) else []
-        damaged[places] = random.integers(256, size=len(places))
-        storage.write_bytes(damaged.tobytes())
-        with contextlib.suppress(SwingupError):
-            searched(tmp_path, 4, StandIn())
 
 
 @pytest.mark.slow

@@ -10,7 +10,6 @@ import itertools
 import numpy as np
 import pytest
 
-from refusals import refusal
 from swingup.benchmark.comparison import (
     improvement_interval,
     performance_profile,
@@ -103,22 +102,3 @@ def test_interval_is_that_of_all_resamples():
     means = [interquartile_mean([*scores[list(a), 0], *scores[list(b), 1]]) for a in draws for b in draws]
     exact = np.percentile(means, [2.5, 97.5])
     assert bootstrap_interval(scores, 40_000) == pytest.approx(tuple(exact), abs=0.01)
-
-
-REFUSED = {
-    "scores = []: use one row for each run, with a number for each task": (interquartile_mean, []),
-    "scores = [[1.0], [1.0, 2.0]]: use one row": (interquartile_mean, [[1.0], [1.0, 2.0]]),
-    "scores = ['much']: use one row": (bootstrap_interval, ["much"]),
-    "use one row for each run": (bootstrap_interval, np.zeros((2, 2, 2))),
-    "leave out runs without a score": (bootstrap_interval, [1.0, float("nan")]),
-    "resamples = 0: use a whole number of at least 1": (bootstrap_interval, [1.0], 0),
-    "ours has scores of 3 tasks, theirs of 2: give": (probability_of_improvement, OURS, THEIRS[:, :2]),
-    "theirs = [None]: leave out runs without a score": (improvement_interval, OURS, [None]),
-    "use a flat sequence of numbers": (performance_profile, OURS, [[0.0, 1.0]]),
-    "thresholds = []": (profile_interval, OURS, []),
-}
-
-
-@pytest.mark.parametrize("named", REFUSED)
-def test_refusals(named):
-    assert named in refusal(*REFUSED[named])

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import math
 
 import numpy as np
 import pytest
@@ -120,37 +119,6 @@ def test_other_grids_of_the_model_and_of_pushes(robot):
     assert changed.model["m1r1"].sweep == Sweep(0.5, 1.5, 3)
     assert len(make_cases(robot, changed, "perturbations", 0)) == 7
     assert len(make_cases(robot, changed, "model", 0)) == 210 - 21 + 3
-
-
-@pytest.mark.parametrize(
-    ("named", "texts"),
-    [
-        ("names no sweep", ["speed=0:1:2"]),
-        ("malformed", ["delay", "delay=0:1", "delay=0:x:3", "delay=0:inf:3", "delay=0:nan:3"]),
-        ("whole number", ["delay=0:1:2.5", "delay=0:1:0", "perturbations=0"]),
-    ],
-)
-def test_malformed_grids(named, texts):
-    for text in texts:
-        said = refusal(change_grid, V2, text)
-        assert named in said
-        assert repr(text) in said
-
-
-OUT_OF_RANGE = {
-    "do not fit into 10 s": {"pushes": PushRules(pushes=10)},
-    "do not fit": {"pushes": PushRules(pushes=0)},
-    "pushes = True are no rules": {"pushes": True},
-    "velocity_noise = -0.1: use a number from 0 to 999": {"velocity_noise": -0.1},
-    "delay = nan": {"delay": math.nan},
-    "torque_noise = '0.1': use a number": {"torque_noise": "0.1"},
-    "torque_response = inf": {"torque_response": math.inf},
-}
-
-
-@pytest.mark.parametrize("named", OUT_OF_RANGE)
-def test_disturbances_out_of_range(named):
-    assert named in refusal(lambda: DisturbanceSettings(**OUT_OF_RANGE[named]).draw(0.002, 10.0, 0))
 
 
 def test_a_disturbance_has_the_boards_own_period_and_duration():

@@ -7,21 +7,17 @@ import jax.numpy as jnp
 import pytest
 
 from refusals import refusal
-from swingup.benchmark.boards import BOARDS
 from swingup.benchmark.leaderboard import (
     ENTRANTS,
     FURTHER,
-    default_entrants,
     entrants_for,
     leaderboard,
     published_rows,
-    shipped_robustness,
 )
 from swingup.benchmark.rules import CRITERIA
 from swingup.controllers.stack.controller import PolicyController
 from swingup.controllers.stack.estimator import EstimatingController
 from swingup.controllers.stack.regulator import RegulatingController
-from swingup.plant.robots import get_robot
 from swingup.policy.shipped import ADAPTIVE, AR_EAPO
 
 from .controllers import Hanging
@@ -86,14 +82,6 @@ def test_policies_that_ship_with_an_estimator_enter_without_it_too(robot):
     assert "'adaptive --no-estimator' is on the board already" in again
 
 
-def test_who_enters_which_boards():
-    papers, ours = ("ar-eapo", "tvlqr", "ilqr-riccati", "ilqr-mpc"), ("adaptive", "tvlqr-score")
-    assert (papers, ours) == (ENTRANTS, FURTHER)
-    for name in ("performance", "robustness", "hardware"):
-        assert default_entrants(BOARDS[name]) == papers + ours
-    assert default_entrants(BOARDS["uptime"]) == (*papers, *ours, "global")
-
-
 def test_names_on_the_board_are_taken(brief_minute):
     """Ours, and `global` on the uptime board alone."""
     for name in (*FURTHER, "ilqr-mpc"):
@@ -111,19 +99,6 @@ def test_names_on_the_board_are_taken(brief_minute):
 def test_published_robustness_is_the_mean_of_its_criteria(robot):
     for row in published_rows(robot, "robustness"):
         assert fmean(row.values[name] for name in CRITERIA) / 100 == pytest.approx(row.values["score"], abs=1e-3)
-
-
-def test_published_rows_belong_to_their_rules():
-    acrobot = get_robot("acrobot")
-    assert published_rows(acrobot, "hardware") == []
-    assert len(published_rows(acrobot, "uptime")) == 4
-
-
-def test_the_shipped_row_says_how_it_was_made(robot):
-    row = shipped_robustness(robot, "ilqr-mpc")
-    assert fmean(row.values[name] for name in CRITERIA) / 100 == pytest.approx(row.values["score"])
-    assert "seed 0" in row.remark
-    assert f"swingup evaluate {robot.name} --board=robustness --controller=ilqr-mpc" in row.remark
 
 
 @pytest.mark.slow

@@ -8,12 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from refusals import refusal
 from swingup.benchmark.boards import BOARDS
 from swingup.benchmark.plausibility import examine
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.score import score
 from swingup.cli import main
-from swingup.common.errors import SwingupError
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.plant.robots import get_robot
@@ -193,17 +193,16 @@ def test_short_runs_score_nothing_and_say_so():
     assert text == "it spans 5 s of 10 s: below 99% it scores 0"
 
 
-@pytest.mark.parametrize("start", [-1000.0, -0.21, 0.21, 1e6])
-def test_times_that_start_far_from_0_are_refused(start):
+def test_times_that_no_clock_gives_are_refused():
     up = pose(q1=np.pi)
-    with pytest.raises(SwingupError, match=r"starts at t = .* s: give its times as seconds since its start"):
-        score(dataclasses.replace(up, time=up.time + start), ROBOT)
-
-
-@pytest.mark.parametrize("period", [5e-324, 1e-310, 1e-9])
-def test_times_that_are_hardly_apart_are_refused(period):
-    with pytest.raises(SwingupError, match="give its times in seconds"):
-        score(dataclasses.replace(pose(q1=np.pi), time=period * np.arange(5000)), ROBOT, force=True)
+    back = np.where(np.arange(5000) < 2000, TIME, TIME - 1.0)
+    for named, times in {
+        "give its times as seconds since its start": (TIME - 1000.0, TIME - 0.21, TIME + 0.21, TIME + 1e6),
+        "give its times in seconds": [period * np.arange(5000) for period in (5e-324, 1e-310, 1e-9)],
+        "times do not increase": [back],
+    }.items():
+        for time in times:
+            assert named in refusal(score, dataclasses.replace(up, time=time), ROBOT)
 
 
 @pytest.mark.parametrize("start", [-0.2, -0.01, 0.01, 0.06])
@@ -215,14 +214,6 @@ def test_some_periods_of_offset_are_no_fault_and_no_gain(start):
     assert criteria.score <= 1.0
 
 
-def test_times_that_do_not_increase_are_refused():
-    up = pose(q1=np.pi)
-    time = up.time.copy()
-    time[2000:] -= 1.0
-    with pytest.raises(SwingupError, match="times do not increase"):
-        score(dataclasses.replace(up, time=time), ROBOT)
-
-
 def test_command_shows_rate_and_warnings(tmp_path, capsys):
     path = tmp_path / "teleport.csv"
     rows = [f"{t!r},{0 if t < 0.01 else np.pi!r},0,0,0,0,0" for t in TIME.tolist()]
@@ -232,10 +223,8 @@ def test_command_shows_rate_and_warnings(tmp_path, capsys):
     out, error = capsys.readouterr()
     assert (out, error.count("\n")) == ("", 1)
     assert f"teleport: {fault}" in error
-    assert "--force scores it all the same" in error
-    assert main(["score", str(path), "--robot", "acrobot", "--force"]) == 0
-    assert f"  warning: positions_against_velocities: {fault}" in capsys.readouterr().out
+    assert "--force" in error
     assert main(["score", str(path), "--robot", "acrobot", "--json", "--force"]) == 0
     result = json.loads(capsys.readouterr().out)
-    assert result["warnings"][0].startswith("positions_against_velocities")
+    assert result["warnings"][0].startswith(f"positions_against_velocities: {fault}")
     assert result["score"] > 0.99

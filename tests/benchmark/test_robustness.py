@@ -9,16 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from refusals import refusal
 from swingup.benchmark.board import Case, Run
-from swingup.benchmark.disturbances import DisturbanceSettings
-from swingup.benchmark.grid import change_grid, make_cases
+from swingup.benchmark.grid import make_cases
 from swingup.benchmark.judge import judge
 from swingup.benchmark.robustness_board import upright
 from swingup.benchmark.rollout import Scenario
 from swingup.benchmark.rules import CRITERIA, RANDOM
 from swingup.benchmark.runner import run_many, stack
-from swingup.controllers.registry import get_controller
 from swingup.loop.disturbance import step_noise
 from swingup.plant.plant import LEADERBOARD
 from swingup.plant.robots import ROBOTS, get_robot
@@ -123,33 +120,3 @@ def test_single_criteria_repeat_the_whole_grid():
         assert [run.success for run in part.runs] == successes
         assert 0 < sum(successes) < len(successes)
         assert part.score is None
-
-
-DELAYED = DisturbanceSettings(delay=0.1)
-REFUSED = {
-    "seed = -1": {"seed": -1},
-    "seeds = 0": {"seeds": 0},
-    "unknown board 'v9': use one of performance, robustness, uptime": {"board": "v9"},
-    "unknown robot 'hexapod'": {"robot": "hexapod"},
-    "the board robustness draws no plants: leave the domain 'identified' out": {"domain": "identified"},
-    "unknown plant 'C.2': use A.0": {"plant": "C.2"},
-    "give the plant as the domain": {"board": "icra-real", "plant": "A.0"},
-    "unknown domain 'moon'": {"board": "sim2real", "domain": "moon"},
-    "has disturbances of its own": {"disturbance": DELAYED},
-    "is for the pendubot, not the acrobot": {"controller": get_controller("lqr", "pendubot")},
-    "velocity_noise = -1 must not be negative": {"board": change_grid(V2, "velocity_noise=-1:1:3")},
-    "make it shorter": {"board": change_grid(V2, "delay=0:5:3")},
-    "m2 = -0.625568 must be positive": {"board": change_grid(V2, "m2=-1:1:3")},
-}
-
-
-@pytest.mark.parametrize("named", REFUSED)
-def test_what_is_not_judged(named):
-    assert named in refusal(
-        judge, **{"controller": Swinging(), "robot": "acrobot", "board": "robustness", **REFUSED[named]}
-    )
-
-
-def test_unknown_criteria():
-    for criteria in (("model", "speed"), ()):
-        assert "unknown criterion" in refusal(dataclasses.replace, V2, criteria=criteria)

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from refusals import refusal
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.trajectory_file import load_trajectory, save_trajectory
-from swingup.common.errors import SwingupError
 
 HEADER = "time,pos_meas1,pos_meas2,vel_meas1,vel_meas2,tau_con1,tau_con2"
 ROWS = ("0.0,1,2,3,4,5,6", "0.1,1.5,2.5,3.5,4.5,5.5,6.5", "0.2,-1,-2,-3,-4,-5,-6")
@@ -22,13 +22,10 @@ def assert_table(trajectory, table):
     np.testing.assert_array_equal(trajectory.u, table[:, 5:])
 
 
-def refusal(path):
+def told(path):
     """The message with which a file is refused: one line, and it names the file."""
-    with pytest.raises(SwingupError) as error:
-        load_trajectory(path)
-    message = str(error.value)
+    message = refusal(load_trajectory, path)
     assert str(path) in message
-    assert "\n" not in message
     return message
 
 
@@ -63,8 +60,7 @@ def test_file_is_replaced_whole_or_not_at_all(tmp_path):
     path = write(tmp_path, "old")
     save_trajectory(path, trajectory)
     assert_table(load_trajectory(path), TABLE)
-    with pytest.raises(SwingupError, match=r"cannot write .*choose a folder"):
-        save_trajectory(tmp_path / "missing" / "run.csv", trajectory)
+    assert "choose a folder" in refusal(save_trajectory, tmp_path / "missing" / "run.csv", trajectory)
 
 
 @pytest.mark.parametrize(
@@ -113,27 +109,20 @@ def test_rows_are_cut_to_the_shortest_column(tmp_path):
     np.testing.assert_array_equal(found.u, [[5, 6]] * 3)
 
 
-def test_missing_file_is_named(tmp_path):
-    assert refusal(tmp_path / "none.csv").startswith("no such file: ")
-
-
-def test_folder_is_no_file(tmp_path):
-    assert refusal(tmp_path).startswith("cannot read ")
-
-
-@pytest.mark.parametrize("content", [b"\x93NUMPY\x01\x00v\x00{'descr'", b"\xff\xfet\x00i", bytes(range(256))])
-def test_binary_file_is_refused(tmp_path, content):
+def test_files_that_are_no_text(tmp_path):
+    assert told(tmp_path / "none.csv").startswith("no such file: ")
+    assert told(tmp_path).startswith("cannot read ")
     path = tmp_path / "run.csv"
-    path.write_bytes(content)
-    assert "is not text: export the log as CSV, npz or mat" in refusal(path)
-    for suffix in (".npz", ".npy", ".mat"):
-        path = path.rename(path.with_suffix(suffix))
-        assert "it is damaged, or not the kind of file that its name says" in refusal(path)
-
-
-@pytest.mark.parametrize("lines", [("",), ("", " ", "\n"), ROWS])
-def test_missing_header_is_told(tmp_path, lines):
-    assert f"has no header: its first line must be {HEADER}" in refusal(write(tmp_path, *lines))
+    for content in (b"\x93NUMPY\x01\x00v\x00{'descr'", b"\xff\xfet\x00i", bytes(range(256))):
+        path.write_bytes(content)
+        assert "is not text: export the log as CSV, npz or mat" in told(path)
+        for suffix in (".npz", ".mat"):
+            other = path.with_suffix(suffix)
+            other.write_bytes(content)
+            assert "it is damaged, or not the kind of file that its name says" in told(other)
+    with path.open("wb") as file:
+        file.truncate(64_000_001)  # a hole, which takes no room on the disk
+    assert "has more than 64 MB" in told(path)
 
 
 @pytest.mark.parametrize(
@@ -160,22 +149,11 @@ def test_columns_in_order_may_be_skipped_and_end_early(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("columns", "message"),
-    [
-        (["q1=theta"], "has no column 'theta': its 7 columns are time, pos_meas1"),
-        (["time=0"], "has no column '0'"),
-        (["u2=8"], "has no column '8'"),
-        (["q1=pos_meas1+pi/0"], "has no column 'pos_meas1.pi/0'"),
-        (["q1=pos_meas1:counts/0"], "q1 in 'counts/0': the units are rad, deg"),
-        (["u2=" + 100 * "9"], "has no column '9999"),
-        (["_"] * 8, "has no column '8'"),
-        (["time=q1="], "has no column 'q1='"),
-        (["q1=1"], "lacks time"),
-    ],
+    "columns", [["q1=theta"], ["time=0"], ["u2=8"], ["q1=pos_meas1:counts/0"], ["_"] * 8, ["q1=1"]]
 )
-def test_columns_that_are_not_there_are_named(tmp_path, columns, message):
-    with pytest.raises(SwingupError, match=message):
-        load_trajectory(write(tmp_path, HEADER, *ROWS), columns)
+def test_columns_that_are_not_there_are_named(tmp_path, columns):
+    text = refusal(load_trajectory, write(tmp_path, HEADER, *ROWS), columns)
+    assert columns[0].partition("=")[2].rpartition(":")[2] in text
 
 
 @pytest.mark.parametrize(
@@ -183,77 +161,52 @@ def test_columns_that_are_not_there_are_named(tmp_path, columns, message):
     [
         ("pos1,pos2,vel1,vel2,tau1,tau2", "time"),
         ("time,pos_meas1,pos_meas2,vel_meas1,vel_meas2", "tau_con1, tau_con2"),
-        ("time,pos1,pos2,vel1,tau1,tau2", "vel2"),
         ("time,pos1,pos_meas2,vel1,vel2,tau1,tau2", "pos_meas1"),
         ("time,pos_filt1,pos_filt2,vel1,vel2,tau_con2,tau_fric1", "pos_meas1, pos_meas2, tau_con1"),
-        ("Time,pos1,pos2,vel1,vel2,tau1,tau2", "time"),
     ],
 )
 def test_missing_columns_are_listed(tmp_path, header, missing):
-    message = refusal(write(tmp_path, header, "0,1,2,3,4,5,6"))
-    assert f"lacks {missing}: write --columns " in message or f"lacks {missing}: map columns with " in message
+    assert f"lacks {missing}: " in told(write(tmp_path, header, "0,1,2,3,4,5,6"))
 
 
-def test_rows_with_more_cells_than_columns_are_refused(tmp_path):
-    # Decimal commas shift all that follows.
-    path = write(tmp_path, HEADER, *ROWS, "0,3,1,2,3,4,5,6")
-    assert "line 5 has more cells than columns: write decimals with a point" in refusal(path)
-
-
-@pytest.mark.parametrize(
-    ("cell", "reason"),
-    [
-        ("fast", "'fast' is not a number"),
-        ("1.0.0", "'1.0.0' is not a number"),
-        ("", "'' is not a number"),
-        ("nan", "nan is not finite"),
-        ("-inf", "-inf is not finite"),
-        ("1e999", "1e999 is not finite"),
-        ("1e300", "1e300 is too large for a pendulum in SI units"),
-        ("x" * 1000, f"'{'x' * 40}' is not a number"),
-    ],
-)
-@pytest.mark.parametrize(("place", "column"), [(0, "time"), (3, "vel_meas1"), (6, "tau_con2")])
-def test_bad_cell_is_located(tmp_path, cell, reason, place, column):
+def cell(place, text):
+    """The rows with another cell in the second; a blank line before it counts in the line's number."""
     cells = ROWS[1].split(",")
-    cells[place] = cell
-    # A blank line before it counts in the line's number.
-    path = write(tmp_path, HEADER, ROWS[0], "", ",".join(cells), ROWS[2])
-    assert f"line 4, column {column}: {reason}: correct it" in refusal(path).replace(
-        " or end the file before it", ""
-    )
+    cells[place] = text
+    return [HEADER, ROWS[0], "", ",".join(cells), ROWS[2]]
 
 
-@pytest.mark.parametrize("time", ["0.1", "0.05", "-1"])
-def test_time_that_does_not_increase_is_located(tmp_path, time):
-    path = write(tmp_path, HEADER, *ROWS[:2], "", ROWS[2].replace("0.2", time), "0.4,1,2,3,4,5,6")
-    message = refusal(path)
-    advice = "several rows share a time: write more of its digits" if time == "0.1" else "keep one run a file"
-    assert f"line 5: time {float(time)} comes after 0.1: {advice}, in order" in message
+REFUSED = {
+    f"has no header: its first line must be {HEADER}": [[""], ["", " ", "\n"], ROWS],
+    # Decimal commas shift all that follows.
+    "line 5 has more cells than columns: write decimals with a point": [[HEADER, *ROWS, "0,3,1,2,3,4,5,6"]],
+    "line 4, column time: 'fast' is not a number": [cell(0, "fast")],
+    "line 4, column vel_meas1: '' is not a number": [cell(3, "")],
+    "line 4, column tau_con2: nan is not finite": [cell(6, "nan")],
+    "line 4, column vel_meas1: 1e999 is not finite": [cell(3, "1e999")],
+    "line 4, column vel_meas1: 1e300 is too large": [cell(3, "1e300")],
+    f"'{'x' * 40}' is not a number": [cell(3, "x" * 1000)],
+    "several rows share a time": [[HEADER, *ROWS[:2], "0.1,1,2,3,4,5,6"]],
+    "comes after 0.1: keep one run a file": [[HEADER, *ROWS[:2], f"{time},1,2,3,4,5,6"] for time in ("0.05", "-1")],
+    # A row that one column does not reach is not counted.
+    "has 2 complete rows: at least 3 are needed": [[HEADER, *ROWS[:2]], [HEADER, *ROWS[:2], "0.2,1,2,3,4,5,"]],
+    "has time in 'h'": [[HEADER.replace("time", "time[h]"), *ROWS]],
+    "has dq2 in 'rad/ms'": [[HEADER.replace("vel_meas2", "vel_meas2[rad/ms]"), *ROWS]],
+    "has u1 in 'A'": [[HEADER.replace("tau_con1", "tau_con1[A]"), *ROWS]],
+    "has 2 columns tau_con2": [[f"{HEADER},tau_con2", *(f"{row},9" for row in ROWS)]],
+    "has 2 columns time": [[f"{HEADER},time[s]", *(f"{row},9" for row in ROWS)]],
+}
 
 
-@pytest.mark.parametrize("count", [0, 1, 2])
-def test_fewer_than_three_rows_are_refused(tmp_path, count):
-    assert f"has {count} complete rows: at least 3 are needed" in refusal(write(tmp_path, HEADER, *ROWS[:count]))
+@pytest.mark.parametrize("named", REFUSED)
+def test_rows_and_titles_that_are_refused(tmp_path, named):
+    for lines in REFUSED[named]:
+        assert named in told(write(tmp_path, *lines))
 
 
-def test_rows_that_one_column_does_not_reach_are_not_counted(tmp_path):
-    path = write(tmp_path, HEADER, *ROWS[:2], "0.2,1,2,3,4,5,")
-    assert "has 2 complete rows" in refusal(path)
-
-
-@pytest.mark.parametrize(
-    ("title", "message"),
-    [
-        ("time[h]", "has time in 'h': the units are s, ms, us, ns, min; convert it, or map it with --columns"),
-        ("pos_meas1[m]", "has q1 in 'm': the units are rad, deg, turns, mrad, counts/4096"),
-        ("vel_meas2[rad/ms]", "has dq2 in 'rad/ms': the units are rad/s, deg/s, rpm"),
-        ("tau_con1[A]", "has u1 in 'A': the units are N m, mNm, uNm, Ncm, kgcm, A*CONSTANT"),
-    ],
-)
-def test_unknown_units_are_refused(tmp_path, title, message):
-    name = title.split("[")[0].split("(")[0].strip()
-    assert message in refusal(write(tmp_path, HEADER.replace(name, title), *ROWS))
+def test_columns_that_are_not_read_may_come_twice(tmp_path):
+    path = write(tmp_path, f"{HEADER},K,K,pos1[deg]", *(f"{row},9,9,9" for row in ROWS))
+    assert_table(load_trajectory(path), TABLE)
 
 
 @pytest.mark.parametrize(
@@ -278,20 +231,3 @@ def test_units_of_a_title_are_converted(tmp_path, title, factor):
 @pytest.mark.parametrize("title", ["time[]", "time[ S ]", "time (sec)"])
 def test_other_spellings_of_a_unit_are_understood(tmp_path, title):
     assert_table(load_trajectory(write(tmp_path, HEADER.replace("time", title), *ROWS)), TABLE)
-
-
-def test_a_column_that_comes_twice_is_refused(tmp_path):
-    path = write(tmp_path, f"{HEADER},tau_con2", *(f"{row},9" for row in ROWS))
-    assert "has 2 columns tau_con2: keep one of them" in refusal(path)
-    # Twice under two spellings of its title; columns that are not read may come as often as they like.
-    path = write(tmp_path, f"{HEADER},time[s]", *(f"{row},9" for row in ROWS))
-    assert "has 2 columns time: keep one of them" in refusal(path)
-    path = write(tmp_path, f"{HEADER},K,K,pos1[deg]", *(f"{row},9,9,9" for row in ROWS))
-    assert_table(load_trajectory(path), TABLE)
-
-
-def test_a_file_that_is_too_large(tmp_path):
-    path = tmp_path / "run.csv"
-    with path.open("wb") as file:
-        file.truncate(64_000_001)  # a hole, which takes no room on the disk
-    assert "has more than 64 MB" in refusal(path)

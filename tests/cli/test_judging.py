@@ -163,23 +163,16 @@ def test_leaderboard_formats(run, run_json, entrants):
     assert f"{NAN}: " in text
 
 
-def test_a_page_shows_its_progress_and_the_tables_boards(run, capsys, monkeypatch, tmp_path):
+def test_a_page_has_a_section_for_each_robot(run, monkeypatch, tmp_path):
     table = Table("acrobot", "hardware", ("score",), 0, (Row("x", "ours", {"score": 0.5}),))
 
     def make_section(robot, controllers, seed, progress, plant, boards, recompute):
         assert [board.name for board in boards] == ["hardware"]
-        progress(f"{robot.name}: evil\n\x1b[31m[red]", 3, 7)
         return type("Section", (), {"tables": [table]})
 
     monkeypatch.setattr(judging, "make_section", make_section)
     monkeypatch.setattr(judging, "render_page", lambda sections: f"{len(sections)} sections")
-    monkeypatch.setattr(progress, "SECONDS_BETWEEN_LINES", 0.0)
-    assert main(["leaderboard", "--board", "hardware", "--page", "report.html"]) == 0
-    told = capsys.readouterr()
-    shown = [f"{name}: evil\\n\\x1b[31m[red]: 3 of 7" for name in ("acrobot", "pendubot")]
-    assert told.err.splitlines() == shown
-    assert told.out.count("0.500") == 2
-    assert told.out.endswith("wrote report.html (0.0 MB)\n")
+    assert run("leaderboard --board hardware --page report.html").count("0.500") == 2
     assert (tmp_path / "report.html").read_text() == "2 sections"
 
 
@@ -194,18 +187,18 @@ def test_progress_says_what_is_left(monkeypatch, capsys):
     assert capsys.readouterr().err.splitlines() == ["a: 10 of 40, 30 s left", "b: 8 of 8  score 0.5"]
 
 
-@pytest.mark.parametrize("measure", ["performance", "robustness"])
 @pytest.mark.parametrize("terminal", [True, False], ids=["narrow terminal", "pipe"])
-def test_a_narrow_console_cuts_headings_and_no_number(measure, terminal, monkeypatch, capsys):
+def test_a_narrow_console_cuts_headings_and_no_number(terminal, monkeypatch, capsys):
+    columns = BOARDS["robustness"].columns
     monkeypatch.setenv("COLUMNS", "40")
     monkeypatch.setenv("TTY_COMPATIBLE", str(int(terminal)))
     monkeypatch.setenv("NO_COLOR", "1")
-    rows = tuple(published_rows(ROBOTS["acrobot"], measure))
-    show_tables([Table("acrobot", measure, BOARDS[measure].columns, None, rows)])
+    rows = tuple(published_rows(ROBOTS["acrobot"], "robustness"))
+    show_tables([Table("acrobot", "robustness", columns, None, rows)])
     text = capsys.readouterr().out
     lines = [line.strip() for line in text.splitlines()]
     for row in rows:
-        numbers = [COLUMNS[name].show(row.values[name]) for name in BOARDS[measure].columns]
+        numbers = [COLUMNS[name].show(row.values[name]) for name in columns]
         assert any(line.startswith(row.controller) and line.split()[-len(numbers) :] == numbers for line in lines)
     assert ("…" in text) is terminal
 
@@ -226,16 +219,6 @@ def test_hostile_names_are_text_in_every_form(capsys):
     text = capsys.readouterr().out
     assert "\x1b" not in text
     assert "a\\nb\\x1b[31m|<b>`*=1\\udcff: a\\nb" in text
-
-
-def test_hostile_files_reach_no_terminal(run, capsys, tmp_path):
-    save_controller(tmp_path / f"{HOSTILE}.safetensors", *lone_policy("ar-eapo", "acrobot"))
-    out = run("evaluate acrobot --controller", f"{HOSTILE}.safetensors")
-    assert "a\\nb\\x1b[31m|<b>`*=1\\udcff.safetensors" in out
-    assert main(["evaluate", "acrobot", "--controller", f"{HOSTILE}.none.safetensors"]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert "\x1b" not in out + error
 
 
 @pytest.mark.slow

@@ -137,22 +137,18 @@ def test_no_more_than_the_bound_is_read(path):
 
 
 HEADERS = [
-    b"", b"{", b"null", b"[]", b"1", b'"x"', b"[" * 100_000, b'{"a":' * 20_000, b"9" * 5000, b"\xff\xfe{}",
-    b' {"__metadata__": {}}', b"{}{}", b'{"a": ' + b"9" * 5000 + b"}",
+    b"", b"{", b"[]", b"[" * 100_000, b"9" * 5000, b"\xff\xfe{}", b"{}{}",
     json.dumps({"__metadata__": TEXTS, "a": ENTRY}).replace("}}", '}, "a": ' + json.dumps(ENTRY) + "}").encode(),
-    *({"a": entry} for entry in (None, 1, "x", [], {}, {"dtype": "F32"})),
+    *({"a": entry} for entry in (None, {}, {"dtype": "F32"})),
     *({"a": {"dtype": "F32", "shape": shape, "data_offsets": [0, 0]}} for shape in ([0, 2**70], [0] * 65)),
     {"a": ENTRY, "__metadata__": TEXTS | {"x": " " * LARGEST_HEADER}},
 ]  # fmt: skip
 """Headers of something else, of an array "a" that is given twice, of entries that are none, and one too long."""
 CHANGES = [
-    {"dtype": "F31"}, {"dtype": "BF16"}, {"dtype": "f4"}, {"dtype": None}, {"dtype": ["F32"]}, {"dtype": {}},
-    {"dtype": "F64"}, {"shape": 4}, {"shape": [5]}, {"shape": [-4]}, {"shape": [4.0]}, {"shape": ["4"]},
-    {"shape": [True, 4]}, {"shape": [-2, -2]}, {"shape": [10**400]}, {"shape": [0]}, {"shape": [0, 10**400]},
-    {"shape": [1] * 70 + [4]}, {"shape": [1] * 5000}, {"shape": [2**62, 4]}, {"data_offsets": [0]},
-    {"data_offsets": [0, 16, 32]}, {"data_offsets": [16, 0]}, {"data_offsets": [-16, 0]},
-    {"data_offsets": [4, 20]}, {"data_offsets": [0.0, 16.0]}, {"data_offsets": None},
-    {"data_offsets": [0, 10**400]}, {"data_offsets": ["0", "16"]}, {"data_offsets": {"0": 16}}, {"x": 1},
+    {"dtype": "F31"}, {"dtype": ["F32"]}, {"dtype": "F64"}, {"shape": 4}, {"shape": [5]}, {"shape": [-2, -2]},
+    {"shape": [4.0]}, {"shape": [True, 4]}, {"shape": [10**400]}, {"shape": [1] * 5000}, {"shape": [2**62, 4]},
+    {"data_offsets": [0]}, {"data_offsets": [16, 0]}, {"data_offsets": [-16, 0]}, {"data_offsets": [0.0, 16.0]},
+    {"data_offsets": [0, 10**400]}, {"data_offsets": {"0": 16}}, {"x": 1},
 ]  # fmt: skip
 """Of the entry of a float32 array of four numbers."""
 
@@ -183,20 +179,8 @@ def test_arrays_follow_each_other_without_gaps_to_the_files_end(path):
 
 
 def test_metadata_that_is_none(path):
-    texts = [
-        "",
-        "{",
-        "null",
-        "[]",
-        "1",
-        '"x"',
-        "[" * 100_000,
-        '{"a":' * 20_000,
-        "{}",
-        '{"format": "swingup thing"}',
-    ]
-    for text in [*texts, "9" * 5000, 3, None, {}, ["{}"]]:
-        for entry in ({METADATA: text}, {}, None, [], "text"):
+    for text in ("", "null", "[" * 100_000, "{}", '{"format": "swingup thing"}', "9" * 5000, 3, ["{}"]):
+        for entry in ({METADATA: text}, None, "text"):
             write(path, {"__metadata__": entry})
             assert "is not a swingup thing file: it lacks swingup's metadata" in refusal(path)
 
@@ -205,9 +189,7 @@ def test_metadata_that_is_none(path):
     ("changes", "message"),
     [
         ({"format": "a\nb" * 1000}, r"thing.safetensors is a 'a\nba"),
-        ({"format": [["d"]]}, "is a [['d']] file: a swingup thing file is needed here"),
         ({"format_version": 4}, "has format version 4, this program reads 3: update swingup"),
-        ({"format_version": 3.0}, "has format version 3.0, this program reads 3"),
         ({"format_version": "9" * 9999}, "has format version '999"),
     ],
 )

@@ -7,6 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from refusals import refusal
 from swingup.common.checks import finite_number, is_number, one_of, positive_number, suggestion, whole_number
 from swingup.common.errors import SwingupError
 from swingup.common.text import LONGEST_QUOTE, one_line, quoted
@@ -31,21 +32,17 @@ class LyingInt(int):
         raise RuntimeError("no")
 
 
-@pytest.mark.parametrize("value", NO_NUMBERS, ids=lambda value: type(value).__name__)
-def test_what_is_no_number(value):
-    assert not is_number(value)
-    for check in (finite_number, positive_number, lambda name, value: whole_number(name, value, 0)):
-        with pytest.raises(SwingupError, match=r"^width = .*: use a .*number") as error:
-            check("width", value)
-        assert len(str(error.value)) < 200
-
-
-@pytest.mark.parametrize("value", [0, 1, 2.5, np.float32(0.5), np.int8(3), Fraction(1, 2), -1e9])
-def test_what_is_a_number(value):
-    assert is_number(value)
-    number = finite_number("width", value)
-    assert type(number) is float
-    assert number == value
+def test_what_is_a_number():
+    for value in NO_NUMBERS:
+        assert not is_number(value)
+        for check in (finite_number, positive_number, lambda name, value: whole_number(name, value, 0)):
+            text = refusal(check, "width", value)
+            assert text.startswith("width = ")
+            assert len(text) < 200
+    for value in (0, 1, 2.5, np.float32(0.5), np.int8(3), Fraction(1, 2), -1e9):
+        assert is_number(value)
+        number = finite_number("width", value)
+        assert (type(number), number) == (float, value)
 
 
 def test_ranges_hold_their_ends():
@@ -60,8 +57,7 @@ def test_ranges_hold_their_ends():
         lambda: whole_number("k", 2.5, 0),
         lambda: finite_number("k", LyingInt(7), 0, 1),
     ):
-        with pytest.raises(SwingupError, match=r"^k = .+: use a .*number"):
-            refuse()
+        assert refusal(refuse).startswith("k = ")
 
 
 def test_whole_numbers_are_pythons():
@@ -73,11 +69,10 @@ def test_whole_numbers_are_pythons():
 
 def test_one_of():
     assert one_of("colour", "red", ["red", "green"]) == "red"
-    with pytest.raises(SwingupError, match=r"^unknown colour 'gren': use one of red, green; did you mean green\?$"):
-        one_of("colour", "gren", iter(["red", "green"]))
+    known = "unknown colour 'gren': use one of red, green; did you mean green?"
+    assert refusal(one_of, "colour", "gren", iter(["red", "green"])) == known
     for value in ("zzz", None, 3, ["red"], {"red": 1}):
-        with pytest.raises(SwingupError, match=r"unknown colour .* or a code$"):
-            one_of("colour", value, ["red", "green"], " or a code")
+        assert refusal(one_of, "colour", value, ["red", "green"], " or a code").endswith(" or a code")
     assert suggestion("x", ["learning_rate"]) == suggestion(3, ["3"]) == ""
 
 

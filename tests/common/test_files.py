@@ -4,13 +4,11 @@ import os
 import stat
 from pathlib import Path
 
-import pytest
-
-from swingup.common.errors import SwingupError
+from refusals import refusal
 from swingup.common.files import write_atomically
 from swingup.common.yaml_map import LARGEST_YAML, read_map
 
-ONCE_HUNG_OR_CRASHED = {path.stem: path for path in (Path(__file__).parents[1] / "data").glob("*.yml")}
+ONCE_HUNG_OR_CRASHED = [*(Path(__file__).parents[1] / "data").glob("*.yml")]
 
 
 def test_a_link_keeps_pointing_and_a_mode_stays(tmp_path):
@@ -33,12 +31,10 @@ def test_what_cannot_be_written_leaves_the_old_file_alone(tmp_path, monkeypatch)
     def full(file):
         raise OSError(28, "No space left on device")
 
-    with pytest.raises(SwingupError, match="cannot write"):
-        write_atomically(tmp_path / "missing" / "file", b"")
+    assert "cannot write" in refusal(write_atomically, tmp_path / "missing" / "file", b"")
     (tmp_path / "file").write_bytes(b"old")
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(SwingupError, match="No space left on device"):
-        write_atomically(tmp_path / "file", b"new")
+    assert "No space left on device" in refusal(write_atomically, tmp_path / "file", b"new")
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("file", b"old")]
 
 
@@ -63,24 +59,14 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("reason", REFUSED)
-def test_all_else_is_refused_in_one_line(tmp_path, reason):
-    for text in REFUSED[reason]:
-        (tmp_path / "m.yml").write_bytes(text if isinstance(text, bytes) else text.encode())
-        with pytest.raises(SwingupError, match=reason) as error:
-            read_map(tmp_path / "m.yml", "parameter")
-        assert len(str(error.value)) < 700
-
-
-def test_files_that_hung_or_crashed_once():
-    assert {"aliases", "deep", "date", "tag"} <= set(ONCE_HUNG_OR_CRASHED)
-    for path in ONCE_HUNG_OR_CRASHED.values():
-        with pytest.raises(SwingupError):
-            read_map(path, "domain")
-
-
-@pytest.mark.parametrize("path", ["none.yml", "", ".", "a\x00b", "x" * 5000, "/dev/zero"])
-def test_paths_that_name_no_map(tmp_path, monkeypatch, path):
+def test_all_else_is_refused_in_one_line(tmp_path, monkeypatch):
+    for reason, texts in REFUSED.items():
+        for text in texts:
+            (tmp_path / "m.yml").write_bytes(text if isinstance(text, bytes) else text.encode())
+            told = refusal(read_map, tmp_path / "m.yml", "parameter")
+            assert reason in told
+            assert len(told) < 700
+    assert {"aliases", "deep", "date", "tag"} <= {path.stem for path in ONCE_HUNG_OR_CRASHED}
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(SwingupError, match=r"cannot read parameter file|more than 0\.1 MB"):
-        read_map(path, "parameter")
+    for path in (*ONCE_HUNG_OR_CRASHED, "none.yml", "", ".", "a\x00b", "x" * 5000, "/dev/zero"):
+        refusal(read_map, path, "domain")

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import swingup
-from refusals import refusal
 from swingup.controllers.baselines import baselines, dry_friction
 from swingup.controllers.baselines.baselines import baseline, design_of, shipped_reference
 from swingup.controllers.baselines.dry_friction import holding_lqr
@@ -182,11 +181,6 @@ def test_baselines_command_what_the_plants_own_motor_has_and_no_more(name, seeds
         torques = np.asarray(jax.jit(call)(jnp.asarray(states)))
         assert np.abs(torques[:, robot.joint]).max() == limit
         assert not torques[:, 1 - robot.joint].any()
-
-
-def test_a_motor_without_torque_is_refused():
-    weak = dataclasses.replace(load_plant("B.0"), tl2=0.0)
-    assert "the acrobot's motor has a torque limit of 0: raise tl2" in refusal(baseline, "lqr", "acrobot", weak)
 
 
 def test_friction_of_the_driven_joint_is_compensated(robot, similar, x64):

@@ -145,6 +145,8 @@ def test_a_known_gain_is_that_of_both_motors():
 
 
 def test_columns_of_another_sign_are_named(tmp_path, logs):
+    assert "unknown known value 'mass'" in refusal(swingup.identify, logs[:1], known={"mass": 1.0})
+    assert "2 sessions for 1 logs" in refusal(swingup.identify, logs[:1], sessions=["a", "b"])
     table = np.loadtxt(logs[0], delimiter=",", skiprows=1)
     table[:, 5:] *= -1
     wrong = write(tmp_path / "wrong.csv", table)
@@ -159,26 +161,6 @@ def test_the_command(logs, tmp_path, capsys, monkeypatch, found):
     assert set(json.loads(capsys.readouterr().out)) == {"parameters", "intervals", "determined", "errors"}
     assert main(["identify", logs[0]]) == 0
     assert "Held-out errors" in capsys.readouterr().out
-
-
-BAD_ARGUMENTS = {
-    "no logs: give at least one": {"files": []},
-    "unknown known value 'mass'": {"known": {"mass": 1.0}},
-    "2 sessions for 1 logs": {"sessions": ["a", "b"]},
-    "unknown plant 'C.9'": {"start": "C.9"},
-    "no such file": {"files": ["nothing.csv"]},
-}
-
-
-@pytest.mark.parametrize("named", BAD_ARGUMENTS)
-def test_arguments_that_make_no_sense(logs, named):
-    assert named in refusal(swingup.identify, **{"files": logs[:1], **BAD_ARGUMENTS[named]})
-
-
-def test_words_that_make_no_sense(logs, capsys):
-    for words, seen in (["--known", "m2r2"], "write NAME=VALUE"), (["--out", "mine"], "must end in .yml or .yaml"):
-        assert main(["identify", logs[0], *words]) != 0
-        assert seen in capsys.readouterr().err
 
 
 def test_a_fit_is_never_worse_than_its_start(logs, monkeypatch):

@@ -185,8 +185,6 @@ def test_callbacks_see_reports_and_may_stop():
     # Asked again it goes on.
     assert model.learn(64, lambda _, report: frames.append(str(report))).frames == 192
     assert frames[2].startswith("192 frames, ")
-    with pytest.raises(SwingupError, match="callback = 3: pass a function"):
-        model.learn(64, 3)
 
 
 def test_seeds_train_as_each_does_alone(tmp_path):
@@ -210,8 +208,6 @@ def test_seeds_train_as_each_does_alone(tmp_path):
     for other in (AREAPO.load(tmp_path / "model.safetensors", Noisy), AREAPO.load(tmp_path / "run", Noisy)):
         np.testing.assert_array_equal(other.predict(seen), model.predict(seen))
         assert same_weights(other.learn(64), AREAPO.load(tmp_path / "model.safetensors", Noisy).learn(64))
-    with pytest.raises(SwingupError, match="seeds = 2, but an environment that was passed in serves one"):
-        AREAPO(Chain(2, "cycle", AutoresetMode.SAME_STEP), seeds=2, **TINY)
 
 
 @pytest.mark.slow  # compiles with and without vmap
@@ -293,8 +289,6 @@ def test_a_robot_by_name():
     assert (model.settings.preset, model.settings.robot) == ("default", "pendubot")
     assert model.predict(np.zeros(4)).shape == (1,)
     assert 0.0 <= model.evaluate()["score"] < 0.1
-    with pytest.raises(SwingupError, match="episodes = 100, but a robot is scored by one episode"):
-        model.evaluate(100)
 
 
 class Long(Lever):

@@ -9,8 +9,6 @@ from safetensors.numpy import load_file, save_file
 
 from array_files import change_file, read_metadata, write_file
 from swingup import AREAPO
-from swingup.areapo.checkpoint import CHECKPOINT_FORMAT, CHECKPOINT_VERSION
-from swingup.common.arrays import save_arrays
 from swingup.common.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.start import resume_run
@@ -42,74 +40,40 @@ def refused(call, *arguments, match=None):
 
 
 CONFIGS = [
-    {"robot": ["acrobot"]}, {"robot": {}}, {"robot": 3}, {"preset": None}, {"preset": ["default"]},
-    {"seed": "0"}, {"seed": 1e400}, {"seed": 0.5}, {"seeds": -1}, {"seeds": 2147483648}, {"seeds": 10**400},
-    {"frames": None}, {"frames": [1]}, {"frames": float("inf")}, {"frames": 1.5}, {"evaluate_every": True},
-    {"config": None}, {"config": []}, {"config": {"learning_rate": None}}, {"config": {"num_envs": 1e300}},
-    {"config": {"policy_layers": [[8]]}}, {"config": {"policy_layers": "88"}}, {"config": {"centre_values": "yes"}},
-    {"config": {"learning_rate": float("nan")}}, {"config": {"terminations": []}}, {"env": 7, "robot": None},
+    {"robot": ["acrobot"]}, {"preset": None}, {"seed": 1e400}, {"seeds": 10**400}, {"frames": [1]},
+    {"evaluate_every": True}, {"config": []}, {"config": {"num_envs": 1e300}},
+    {"config": {"policy_layers": [[8]]}}, {"config": {"learning_rate": float("nan")}}, {"env": 7, "robot": None},
     {"unknown\nname": 1},
 ]  # fmt: skip
-TEXTS = [
-    NESTED,
-    '{"a":' * 50_000,
-    "\x00",
-    "9" * 5000,
-    '"text"',
-    "null",
-    "",
-    "[]",
-    "{}",
-    '{"version": "0", "frames": 1}',
-]
-LINES = [
-    "[]", "3", "null", NESTED, "{}", '{"seed": 0}', '{"seed": "0", "frames": 64}', '{"seed": [0], "frames": 64}',
-    '{"seed": 0, "frames": "64"}', '{"seed": 0, "frames": 1e400}', '{"seed": 0, "frames": NaN}',
-    '{"seed": 0, "frames": 64, "score": Infinity}', '{"seed": 0, "frames": 64, "score": {"a": 1}}',
-    '{"seed": -1, "frames": 64}',
-]  # fmt: skip
-METADATA = [
-    {"settings": None}, {"settings": []}, {"iterations": "2"}, {"iterations": 1e400}, {"iterations": -1},
-    {"seconds": "long"}, {"seconds": None}, {"best": 3}, {"best": ["high"]}, {"best": [[True, "high"]]},
-    {"best": [[True, 0.1]] * 2}, {"best": {}},
-]  # fmt: skip
+TEXTS = [NESTED, "\x00", "9" * 5000, "null", "", '{"version": "0", "frames": 1}']
+LINES = ["3", NESTED, '{"seed": "0", "frames": 64}', '{"seed": 0, "frames": 64, "score": {"a": 1}}']
+METADATA = [{"settings": []}, {"iterations": 1e400}, {"seconds": "long"}, {"best": [[True, "high"]]}, {"best": {}}]
+"""A few of each kind: ``tests/fuzz`` draws thousands."""
 
 
-def test_a_config_of_wrong_types_or_of_something_else(folder):
-    content = json.loads((folder / "config.json").read_text())
-    for change in CONFIGS:
-        (folder / "config.json").write_text(json.dumps(content | change))
-        refused(resume_run, folder)
-    for text in TEXTS:
-        (folder / "config.json").write_text(text)
-        refused(resume_run, folder, match="malformed")
-    (folder / "config.json").write_bytes(b"\xff\xfe\x00{")
-    refused(resume_run, folder, match="malformed")
-
-
-def test_rows_that_are_none(folder):
-    path = folder / "metrics.jsonl"
-    rows, good = read_metrics(path), path.read_text()
+def test_configs_rows_and_checkpoints_of_wrong_types(folder):
+    config, metrics = folder / "config.json", folder / "metrics.jsonl"
+    content, good, rows = json.loads(config.read_text()), metrics.read_text(), read_metrics(metrics)
     for line in LINES:
-        path.write_text(good + line)  # as the last line it is what a crash left
-        assert read_metrics(path) == rows
-        path.write_text(line + "\n" + good)
-        refused(read_metrics, path, match="line 1 is no row of metrics: remove or correct")
+        metrics.write_text(good + line)  # as the last line it is what a crash left
+        assert read_metrics(metrics) == rows
+        metrics.write_text(line + "\n" + good)
+        refused(read_metrics, metrics, match="line 1 is no row of metrics")
     refused(lambda: list(resume_run(folder, 4 * FRAMES).advance()), match="line 1 is no row")
-
-
-def test_a_checkpoint_whose_metadata_is_wrong(folder):
+    metrics.write_text(good)
+    for text in (*(json.dumps(content | change) for change in CONFIGS), *TEXTS):
+        config.write_text(text)
+        refused(resume_run, folder)
+    config.write_text(json.dumps(content))
     path = folder / "checkpoints" / "000000000128.safetensors"
     metadata, arrays = read_metadata(path), load_file(path)
     for change in METADATA:
         write_file(path, metadata | change, arrays)
         refused(resume_run, folder, match="checkpoint")
         refused(AREAPO.load, path)
-    save_arrays(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION, {}, {})
-    refused(AREAPO.load, path, match="malformed")
 
 
-@pytest.mark.parametrize("part", ["actor", "critic", "optimiser", "statistics", "gains", "observations"])
+@pytest.mark.parametrize("part", ["actor", "optimiser", "statistics", "gains"])
 def test_a_checkpoint_whose_numbers_are_not_finite(folder, part):
     path = folder / "checkpoints" / "000000000128.safetensors"
     arrays = load_file(path)

@@ -1,7 +1,6 @@
 """Presets: what each promises, and how a run chooses one."""
 
 from swingup.learner.presets import PRESETS, choose_preset, get_preset, is_pendulum
-from swingup.learner.run_settings import ENV_INTERVALS, RunSettings
 from swingup.plant.robots import ROBOTS
 from swingup.tasks.presets import smooth_task
 
@@ -31,9 +30,3 @@ def test_a_run_chooses_by_the_task():
     assert is_pendulum(smooth_task(ROBOTS["acrobot"]))
     assert not is_pendulum("Pendulum-v1")
     assert (choose_preset(None, "acrobot"), choose_preset(None, "Pendulum-v1")) == ("default", "mujoco")
-
-
-def test_the_command_names_what_the_preset_does_not_give():
-    config = get_preset("ppo").config
-    settings = RunSettings(None, "ppo", 0, 1, **ENV_INTERVALS, config=config, env="Pendulum-v1")
-    assert settings.command(64) == "swingup train --env Pendulum-v1 --preset ppo --frames 64 --seed 0"

@@ -19,7 +19,7 @@ from swingup.learner.run import Run
 from swingup.learner.run_folder import RunFolder
 from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings, run_settings_from_dict
 from swingup.learner.start import resume_run, start_run
-from swingup.plant.plant import LEADERBOARD, Plant, load_plant
+from swingup.plant.plant import LEADERBOARD, load_plant
 
 from .brief import briefly_judged
 
@@ -350,19 +350,6 @@ def test_settings_keep_their_plant():
     assert task.parameters == plant.driven("acrobot")
     assert task.dt == pytest.approx(0.01 * 1.08687, abs=1e-7)
     assert run_settings_from_dict(SETTINGS.as_dict()).plant == LEADERBOARD
-
-
-def test_the_command_of_a_plant_without_a_name_is_python():
-    parameters = dataclasses.replace(load_plant("C.1"), m1=0.5)
-    usual = dataclasses.replace(SETTINGS, config=get_preset("default").config, **PENDULUM_INTERVALS)
-    command = dataclasses.replace(usual, plant=load_plant(parameters)).command(64)
-    call, rest = command.split("plant=")
-    assert call == "swingup.AREAPO('acrobot', preset='default', seed=0, "
-    assert rest.endswith(").learn(64)")
-    assert eval(rest.removesuffix(").learn(64)"), {"Plant": Plant}) == parameters
-    assert "--plant mine.yml" in dataclasses.replace(
-        usual, plant=dataclasses.replace(parameters, name="mine.yml")
-    ).command(64)
 
 
 @pytest.mark.slow

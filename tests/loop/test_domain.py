@@ -96,18 +96,12 @@ BAD_DOMAINS = {
     "unknown velocities 'guessed'": "plant: C.1\nvelocities: guessed",
     "delay = [0.02, 0.01] must be a range from low to high": "delay: [0.02, 0.01]",
     "delay = [0, 1] must lie between 0 and 0.2": "delay: [0.0, 1.0]",
-    "velocity_noise = [-0.1, -0.1] must lie between 0 and 10": "velocity_noise: -0.1",
     "m1 = [0.1, 0.2, 0.3] must be a number, or a range [low, high]": "m1: [0.1, 0.2, 0.3]",
     "m1 = 'heavy' must be a number": "m1: heavy",
-    "m1 = [nan, nan] must be a range from low to high": "m1: .nan",
-    "m1 = True must be a number": "m1: true",
     "lacks its plant: add 'plant', one of A.0, B.0, ": "delay: 0.01",
-    "parameter m1 = 0 must be positive": "plant: C.1\nm1: [0.0, 0.5]",
     "mass matrix is not positive definite at cos(q2) = 1": "plant: C.1\nI2: 1.0e-6",
     "mass matrix is not positive definite": "plant: C.1\nm2: [0.3, 1.0]\nI2: [0.02, 0.08]",  # both ends alone are
     "plant = 'B.9' is not a plant": "plant: B.9",
-    "plant = 3 is not a plant": "plant: 3",
-    "is not a map": "- 1",
 }
 
 
@@ -115,16 +109,6 @@ BAD_DOMAINS = {
 def test_bad_domains(tmp_path, named):
     (tmp_path / "bad.yml").write_text(BAD_DOMAINS[named])
     assert named in refusal(load_domain, tmp_path / "bad.yml")
-
-
-def test_unknown_domains(tmp_path):
-    assert "unknown domain 'moon': use identified, randomised, recorded," in refusal(load_domain, "moon")
-    assert "No such file or directory; check the path" in refusal(load_domain, tmp_path / "none.yml")
-
-
-def test_domains_are_hashable():
-    assert hash(load_domain("B.0")) == hash(make_domain({"plant": "B.0"}, "mine.yml"))
-    assert load_domain("B.0") == make_domain({"plant": "B.0"}, "mine.yml") != load_domain("C.0")
 
 
 @pytest.mark.parametrize("name", SHIPPED)

@@ -11,10 +11,8 @@ import pytest
 
 import swingup
 from swingup.benchmark.boards import ROBUSTNESS
-from swingup.controllers.stack.controller import PolicyController, policy_of
-from swingup.controllers.stack.estimator import EstimatingController
+from swingup.controllers.stack.controller import policy_of
 from swingup.controllers.stack.maths import JAX
-from swingup.controllers.stack.regulator import RegulatingController
 from swingup.plant.base_parameters import BASE, BASE_NAMES
 from swingup.plant.plant import LEADERBOARD
 from swingup.plant.robots import get_robot
@@ -71,21 +69,6 @@ def test_joint_draws_are_off_in_all_parameters_within_half_the_ranges(scripts):
             assert drawn.max() - drawn.min() > 0.9 * (most - least)
     again = scripts["plants"].joint_cases(get_robot("acrobot"), RULES)
     assert [case.settings for case in again] == [case.settings for case in cases]
-
-
-def test_each_variant_lacks_one_part(scripts):
-    plants = scripts["plants"]
-    variants = plants.make_variants(full_policy())
-    behind = {name: made.controller for name, made in variants.items() if isinstance(made, EstimatingController)}
-    assert set(variants) - set(behind) == {plants.NO_MEMORY}
-    assert isinstance(variants[plants.NO_MEMORY], RegulatingController)
-    finding = {name for name in behind if variants[name].loop.finding}
-    assert finding == {
-        plants.FULL,
-        plants.TOLD,
-        plants.NO_REGULATOR,
-    }
-    assert {name for name in behind if isinstance(behind[name], PolicyController)} == {plants.NO_REGULATOR}
 
 
 @pytest.mark.slow  # compiles for seconds

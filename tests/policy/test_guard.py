@@ -207,12 +207,6 @@ def test_the_torque_changes_no_faster_than_allowed():
     assert controller.guard.fault is None
 
 
-def test_the_torques_are_within_the_motors_limits():
-    controller = numpy_controller(guarded("pendubot-ar-eapo"))
-    controller.inner._network = lambda x: 7.5
-    assert controller(np.zeros(4), 0.0).tolist() == [6.0, 0.0]
-
-
 @pytest.mark.parametrize("guard", [True, False])
 @pytest.mark.parametrize("name", ["acrobot-adaptive", "pendubot-adaptive", "acrobot-estimated", "pendubot-global"])
 def test_no_torque_of_a_wrapped_controller_is_beyond_its_motors_limit(name, guard):
@@ -264,21 +258,6 @@ def wrapped(name, robot, guard):
     if is_policy(name):
         return RealAIGymController(load_controller(name, robot, guard=guard))
     return RealAIGymController(loop_controller(get_controller(name, robot), robot, guard))
-
-
-@pytest.mark.parametrize(("robot", "name"), [("pendubot", "ar-eapo"), ("acrobot", "adaptive"), ("pendubot", "lqr")])
-def test_added_friction_compensation_stays_within_the_motors_limits(robot, name):
-    """It is added before the guard limits the torques: up to 27.6 N m on a motor of 6 otherwise."""
-    controller = wrapped(name, robot, True)
-    controller.set_friction_compensation([5.0, 5.0], [3.0, 3.0])
-    controller.init()
-    limits = np.where(np.arange(2) == controller.robot.joint, 6.0, controller.passive_limit)
-    for call in range(20):
-        x = np.array([0.0, 0.0, 4.0, -4.0]) + 1e-3 * call
-        assert (np.abs(controller.get_control_output(x, DT * call)) <= limits).all()
-        assert controller.fault is None
-    # What the motors were asked for in the end: the whole limit, against a wish of 25 N m and more.
-    assert np.abs(controller.u_hist[-1][controller.robot.joint]) == 6.0
 
 
 @pytest.mark.parametrize("name", ["ar-eapo", pytest.param("tvlqr", marks=pytest.mark.slow)])

@@ -9,13 +9,9 @@ import numpy as np
 import pytest
 
 from policies import lone_policy
-from refusals import refusal
 from swingup.areapo.networks import Actor
 from swingup.controllers.stack.controller import save_controller
 from swingup.controllers.stack.policy import Policy
-from swingup.export.c_backend.header import c_header
-from swingup.export.javascript_backend.page import policy_data
-from swingup.export.onnx_backend.graph import onnx_model
 from swingup.policy.network.layers import Layer, Network, largest_feature
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.pendulum import read_pendulum_policy
@@ -56,13 +52,6 @@ def test_a_policy_file_in_jax_and_in_numpy(tmp_path, activation):
     np.testing.assert_allclose([numpy(x, 0.0)[0] for x in states], expected, atol=1e-12)
     np.testing.assert_allclose(judged, expected, atol=1e-12)
     assert np.ptp(expected) > 0.01
-
-
-def test_programs_of_relu_alone_refuse_by_name(tmp_path):
-    save_controller(tmp_path / "p.safetensors", of_kind("tanh"), {})
-    for write, program in ((c_header, "a C header"), (onnx_model, "an ONNX graph"), (policy_data, "a page")):
-        said = refusal(write, read_pendulum_policy(tmp_path / "p.safetensors"))
-        assert f"{program} runs hidden layers of ReLU, not activation = 'tanh': run the" in said
 
 
 def test_a_bound_of_the_features():

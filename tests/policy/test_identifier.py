@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.controllers.interface.controller import AbstractController
 from swingup.controllers.stack.maths import JAX
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.base_parameters import BASE, base_parameters
@@ -36,16 +35,6 @@ LOADED = dataclasses.replace(UNCOMPENSATED, load_deviation=0.05, spring_deviatio
 
 EVEN = np.full(STEPS, DT)
 UNEVEN = np.random.default_rng(0).choice([1e-9, 0.5, 1.0, 1.2, 3.5], STEPS, p=[0.02, 0.1, 0.7, 0.15, 0.03]) * DT
-
-
-class Rest(AbstractController):
-    """No torque."""
-
-    def init(self):
-        return None
-
-    def __call__(self, carry, t, x):
-        return None, jnp.zeros(2, x.dtype)
 
 
 @functools.cache

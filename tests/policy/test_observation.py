@@ -3,7 +3,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from refusals import refusal
 from swingup.tasks.observation import PendulumStage
 
 PI = np.pi
@@ -65,8 +64,3 @@ def test_every_entry_lies_in_the_unit_interval(angles, size):
 @pytest.mark.usefixtures("x64")
 def test_observation_has_the_dtype_of_the_state(angles, dtype):
     assert PendulumStage(angles=angles)(jnp.zeros(4, dtype)).dtype == dtype
-
-
-def test_unknown_encoding_is_refused_with_the_choice():
-    named = "unknown angle encoding 'degrees': use one of wrapped, sincos"
-    assert named in refusal(PendulumStage, angles="degrees")

@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from refusals import refusal
 from swingup.controllers.interface.controller import AbstractPlantController
 from swingup.controllers.stack.controller import policy_of
 from swingup.controllers.stack.estimator import with_estimator
@@ -110,13 +109,3 @@ def test_an_identifier_tells_what_it_found():
     told = whole(memory, jnp.zeros(()), jnp.zeros(4))[0].controller
     # Without the friction, which is compensated.
     np.testing.assert_allclose(told, found.at[4:8].set(0.0), rtol=1e-5)
-
-
-@pytest.mark.parametrize("stages", [(STAGE,), (STAGE, STATE), (STATE, STAGE, STAGE)])
-def test_the_stage_is_the_last(stages):
-    named = "stage 'plant' must be the last one, and 'pendulum' the first"
-    assert named in refusal(Network, stages, (), layer(1, 24, 1))
-
-
-def test_a_policy_needs_its_plant():
-    assert "sees its plant: use swingup.get_controller" in refusal(sighted_policy().policy, jnp.zeros(4))

@@ -339,21 +339,6 @@ def test_bad_files_are_named_and_what_is_there_survives(tmp_path, kind):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bad", out.name]
 
 
-def test_bad_requests_are_refused(tmp_path, inputs):
-    for kind, out, named in (
-        ("histogram", "out.png", "'histogram'"),
-        ("phase", "out.gif", ".png"),
-        ("phase", "out", ".png"),
-        ("animation", "out.png", ".gif or .webp"),
-        ("curve", "missing/out.png", "choose a folder that exists"),
-    ):
-        with pytest.raises(SwingupError, match=named):
-            save_plot(kind, [inputs.get(kind, "x")], tmp_path / out)
-    with pytest.raises(SwingupError, match="give at least one file"):
-        save_plot("phase", [], tmp_path / "out.png")
-    assert [path.name for path in tmp_path.iterdir()] == ["in"]
-
-
 def test_the_driven_joint_tells_the_robot(tmp_path):
     acrobot, pendubot, passive = tmp_path / "a.csv", tmp_path / "p.csv", tmp_path / "0.csv"
     save_trajectory(acrobot, swing(joint=1))
@@ -366,8 +351,6 @@ def test_the_driven_joint_tells_the_robot(tmp_path):
     with pytest.raises(SwingupError, match="has torque on neither joint: name the robot, acrobot or pendubot"):
         save_plot("phase", [passive], tmp_path / "out.svg")
     save_plot("phase", [passive, pendubot], tmp_path / "out.svg", robot="pendubot")
-    with pytest.raises(SwingupError, match="unknown robot 'cartpole'"):
-        save_plot("phase", [acrobot], tmp_path / "out.svg", robot="cartpole")
 
 
 def test_labels_are_short_and_different():

@@ -1,7 +1,5 @@
 """Tasks in their plant's own units: C.1's as they are, and the same decision process for a similar pendulum."""
 
-import dataclasses
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -10,10 +8,9 @@ import pytest
 
 from swingup.benchmark.board import Setting
 from swingup.benchmark.boards import SIM2REAL
-from swingup.common.errors import SwingupError
 from swingup.loop.domain import load_domain, make_domain
 from swingup.loop.supervisors.throws import thrown_states
-from swingup.plant.plant import LEADERBOARD, load_plant
+from swingup.plant.plant import LEADERBOARD
 from swingup.tasks.presets import get_task, smooth_task
 
 STEPS = 60
@@ -85,10 +82,3 @@ def test_the_rules_of_a_swing_up_are_in_the_units_of_the_domains_plant(either_ro
     small = make_domain({"plant": "cloudpendulum", "m1": [0.1, 0.11]})
     board = SIM2REAL.on(Setting(either_robot, small.design, small))
     assert board.limits.speed == pytest.approx(46.97, abs=0.01)
-
-
-def test_a_scaled_task_needs_a_torque(either_robot):
-    plant = load_plant("C.1")
-    idle = dataclasses.replace(plant, tl1=0.0, tl2=0.0)
-    with pytest.raises(SwingupError, match="= 0 N m must be positive"):
-        get_task("smooth", either_robot, idle)
