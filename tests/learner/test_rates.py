@@ -3,8 +3,7 @@
 import gymnasium
 import pytest
 
-from swingup.learner.rates import describe_rates, rates, training_resets, unknown_rates
-from swingup.learner.step_time import step_time
+from swingup.learner.rates import describe_rates, rates, step_time, training_resets, unknown_rates
 
 from .environments import Stairs
 

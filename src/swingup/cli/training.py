@@ -10,7 +10,7 @@ from ..benchmark.judge import judge
 from ..common.checks import whole_number
 from ..common.errors import SwingupError
 from ..controllers.registry import get_controller
-from ..learner.cores import share_cores
+from ..learner.compiled_backend import share_cores
 from ..learner.metrics import METRICS_FILE, read_metrics
 from ..learner.policy_files import BEST, LAST, result_on_disk
 from ..learner.presets import PRESETS, get_preset

@@ -12,7 +12,6 @@ from jaxtyping import Float, Shaped
 from ..areapo.state import LearnerState
 from ..common.errors import SwingupError
 from ..controllers.stack.policy import Policy
-from ..tasks.observation import Stage
 from .evaluators import AbstractEvaluator
 
 TreeT = TypeVar("TreeT")
@@ -57,9 +56,15 @@ class AbstractBackend(abc.ABC):
             The state, and the figures of each seed by name, which are means over the iterations.
         """
 
-    @abc.abstractmethod
     def policy(self, member: LearnerState) -> Policy[Any]:
-        """The policy of one seed."""
+        """The policy of one seed, in NumPy: the evaluator's stages, the present normalisation, the actor.
+
+        Stages and normalisation are in double precision, which the judge uses, although training is in single.
+        """
+        stages = (*self.evaluator.stages, member.statistics.stage())
+        # Done here, in NumPy: outside a local x64 context, JAX would round them to float32.
+        stages = jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), stages)
+        return Policy(stages, jax.tree.map(np.asarray, member.actor))
 
     @abc.abstractmethod
     def evaluate(self, policies: Sequence[Policy[Any]]) -> list[dict[str, Any]]:
@@ -99,17 +104,6 @@ def split_seeds(tree: TreeT, seeds: int) -> list[TreeT]:
 def join_seeds(members: Sequence[LearnerState]) -> LearnerState:
     """The inverse of ``split_seeds``."""
     return members[0] if len(members) == 1 else jax.tree.map(lambda *leaves: jnp.stack(leaves), *members)
-
-
-def portable_policy(stages: tuple[Stage, ...], state: LearnerState) -> Policy[Any]:
-    """A policy of NumPy arrays: the stages, the present normalisation, the actor.
-
-    Stages and normalisation are in double precision, which the judge uses, although training is in single.
-    """
-    everything = (*stages, state.statistics.stage())
-    # Done here, in NumPy: outside a local x64 context, JAX would round them to float32.
-    everything = jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), everything)
-    return Policy(everything, jax.tree.map(np.asarray, state.actor))
 
 
 def batched(observation: Any, shape: tuple[int, ...]) -> tuple[Float[np.ndarray, "b n"], bool]:

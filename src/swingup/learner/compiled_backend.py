@@ -1,6 +1,8 @@
 """The back end of tasks in JAX: environments are compiled with the learner, seeds train side by side."""
 
+import contextlib
 import functools
+import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -16,9 +18,10 @@ from ..areapo.config import Config
 from ..areapo.keys import Purpose, root_key
 from ..areapo.metrics import Metrics
 from ..areapo.state import LearnerState
+from ..common.cores import cores
 from ..controllers.stack.policy import Policy
 from ..tasks.task import AbstractTask
-from .backend import AbstractBackend, never, portable_policy, split_seeds
+from .backend import AbstractBackend, never, split_seeds
 from .evaluators import AbstractEvaluator
 
 # Compiled once for all runs of a program. A single seed runs without vmap, which is slower on a CPU.
@@ -27,6 +30,8 @@ _init = jax.jit(algorithm.init)
 _init_seeds = jax.jit(jax.vmap(algorithm.init, in_axes=(0, None, None)))
 _train = jax.jit(algorithm.train)
 
+COUNT_FLAG = "xla_force_host_platform_device_count"
+"""In XLA_FLAGS: how many devices a CPU shows."""
 AXIS = "seeds"
 """Along which devices share the seeds."""
 CALL_WORK = 5e9
@@ -96,10 +101,6 @@ class CompiledBackend(AbstractBackend):
         means = jax.tree.map(lambda *leaves: np.average(leaves, 0, counts).astype(np.float32), *parts)
         return state, [each.as_dict() for each in split_seeds(means, len(self._seeds))]
 
-    def policy(self, member: LearnerState) -> Policy[Any]:
-        """The policy of one seed."""
-        return portable_policy(self.evaluator.stages, member)
-
     def evaluate(self, policies: Sequence[Policy[Any]]) -> list[dict[str, Any]]:
         """The results of the policies of all seeds."""
         if len(policies) == 1:
@@ -125,10 +126,33 @@ class CompiledBackend(AbstractBackend):
         """Nothing to free."""
 
 
+def even_shares(seeds: int, most: int) -> int:
+    """As many devices, of those that there are, as share the seeds evenly: JAX cuts an axis into equal parts."""
+    return max(count for count in range(1, most + 1) if seeds % count == 0)
+
+
+def share_cores(seeds: int) -> None:
+    """Make JAX show as many of the CPU's cores as devices as share the seeds evenly.
+
+    It works only before JAX's first computation. Afterwards, and where the user's XLA_FLAGS set the number of
+    devices, nothing changes: the seeds then train on the devices that there are.
+
+    Asynchronous dispatch is switched off as well. Programs on several devices run in threads of XLA, of which a CPU
+    has one for each core. With asynchronous dispatch, programs on one device, such as evaluations, hold these
+    threads, too; without it they run in the thread that calls them.
+    """
+    count = even_shares(seeds, cores())
+    if count == 1 or COUNT_FLAG in os.environ.get("XLA_FLAGS", ""):
+        return
+    with contextlib.suppress(RuntimeError):
+        jax.config.update("jax_num_cpu_devices", count)
+        jax.config.update("jax_cpu_enable_async_dispatch", False)
+
+
 def sharing_mesh(seeds: int) -> Mesh:
-    """As many devices as share the seeds evenly: JAX shards an axis only into equal parts."""
-    count = max(n for n in range(1, len(jax.devices()) + 1) if seeds % n == 0)
-    return Mesh(np.array(jax.devices()[:count]), (AXIS,))
+    """The devices that share the seeds."""
+    devices = jax.devices()
+    return Mesh(np.array(devices[: even_shares(seeds, len(devices))]), (AXIS,))
 
 
 def spread(state: LearnerState, seeds: int) -> LearnerState:

@@ -29,7 +29,7 @@ from ..common.text import one_line, quoted
 from ..tasks.space_actions import space_actions
 from ..tasks.task import Spaces
 from .checked_environment import RESET, STEP, CheckedEnvironment, checked_vector
-from .step_time import step_time
+from .rates import step_time
 
 MAKES_SENSE = (
     "a Gymnasium id, a function that makes a gymnasium.Env, a list of such functions, a "

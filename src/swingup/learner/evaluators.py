@@ -23,8 +23,7 @@ from ..tasks.adapted import AbstractAdaptedTask
 from ..tasks.observation import Stage
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.task import AbstractTask
-from .rates import rates
-from .step_time import step_time
+from .rates import rates, step_time
 
 EPISODES = 10
 """Episodes of an evaluation that is asked for without a number."""

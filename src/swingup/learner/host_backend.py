@@ -15,7 +15,7 @@ from ..areapo.state import LearnerState
 from ..common.errors import SwingupError
 from ..controllers.stack.policy import Policy
 from ..tasks.task import Spaces
-from .backend import AbstractBackend, join_seeds, never, portable_policy, split_seeds
+from .backend import AbstractBackend, join_seeds, never, split_seeds
 from .environments import Environments, make_environments, own_number
 from .host_collection import compile_iteration, host_iteration, new_tally
 from .host_evaluators import EpisodeEvaluator
@@ -122,10 +122,6 @@ class HostBackend(AbstractBackend):
             score = row["reward"] if environments.endless else episode_return
             self._training_results.append({"score": score, "mean_length": episode_length, **measured})
         return join_seeds(members), rows
-
-    def policy(self, member: LearnerState) -> Policy[Any]:
-        """The policy of an observation, flattened."""
-        return portable_policy((), member)
 
     def evaluate(self, policies: Sequence[Policy[Any]]) -> list[dict[str, Any]]:
         """The results of all seeds: of episodes that are played, or of the training since the last report."""

@@ -5,6 +5,8 @@ exploring policy, less what its resets cost. A reset is a termination of the tas
 process would continue, and only the caller starts it anew.
 """
 
+import contextlib
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,6 +17,25 @@ RESETS = "resets_per_1000_steps"
 
 MISSING = "–"
 """Shown where a number was not recorded."""
+
+
+def step_time(*timed: Any) -> float | None:
+    """Seconds of one step: the attribute ``dt`` of the first that has it; None if none has.
+
+    Gymnasium's MuJoCo tasks have it, and so have its Pendulum and Acrobot. Wrappers are asked first: one that
+    repeats actions can have a ``dt`` of its own.
+
+    Args:
+        timed: an environment, a task, or its parameters.
+    """
+    for env in timed:
+        # A figure for reports must not end a training, whatever a foreign property raises.
+        with contextlib.suppress(Exception):
+            find = getattr(env, "get_wrapper_attr", None)
+            seconds = float(find("dt") if callable(find) else env.dt)
+            if math.isfinite(seconds) and seconds > 0.0:
+                return seconds
+    return None
 
 
 def rates(reward: float, termination_rate: float, step_time: float | None = None) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Three ways to get a run: start a new one, resume one from its folder, or restore one from a snapshot."""
+"""Ways to get a run: start a new one, resume one from its folder, or restore one from a snapshot; its back end."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,14 +10,19 @@ import jax
 from ..areapo.state import LearnerState
 from ..common.checks import whole_number
 from ..common.errors import SwingupError
+from ..tasks.adapted import AbstractAdaptedTask
+from ..tasks.adapters import as_task
+from ..tasks.pendulum import AbstractPendulumTask
+from ..tasks.task import AbstractTask
 from .backend import AbstractBackend
-from .evaluators import check_actions
-from .make_backend import make_backend
+from .compiled_backend import CompiledBackend
+from .evaluators import ReturnEvaluator, SwingUpEvaluator, check_actions
+from .memory import check_memory
 from .policy_files import best_on_disk
 from .progress import initial_progress, is_finite, read_progress
 from .run import Run, Snapshot
 from .run_folder import RunFolder
-from .run_settings import RunSettings, read_run_settings, write_run_settings
+from .run_settings import RunSettings, is_description, read_run_settings, write_run_settings
 
 
 def start_run(settings: RunSettings, folder: str | Path | None, frames: int, env: Any = None) -> Run:
@@ -96,3 +101,37 @@ def restore_run(
 def state_shapes(backend: AbstractBackend) -> LearnerState:
     """Shapes and types of a back end's state."""
     return jax.eval_shape(backend.init)
+
+
+def make_backend(settings: RunSettings, env: Any = None) -> AbstractBackend:
+    """The back end of these settings.
+
+    Args:
+        settings: what to train on, by name.
+        env: the environment or the task itself, if it cannot be made from a name; with a robot, another variant
+            of its task than the preset's.
+
+    Raises:
+        SwingupError: the task cannot be made or must be passed in again, or memory is short.
+    """
+    config, seed, seeds = settings.config, settings.seed, settings.seeds
+    env = as_task(env)
+    if settings.robot is not None:
+        pendulum = env if isinstance(env, AbstractPendulumTask) else settings.task()
+        check_memory(config, pendulum.spaces, seeds)
+        by_scores = SwingUpEvaluator(pendulum, settings.plant)
+        return CompiledBackend(pendulum, config, seed, seeds, by_scores)
+    if isinstance(env, AbstractTask):
+        check_memory(config, env.spaces, seeds)
+        episodes = settings.evaluation_episodes
+        if not episodes:
+            raise SwingupError("evaluation_episodes = 0, but a task in JAX is scored by episodes: use 1 or more")
+        to_actions = env.actions if isinstance(env, AbstractAdaptedTask) else None
+        return CompiledBackend(env, config, seed, seeds, ReturnEvaluator(env, seed, episodes), to_actions)
+    if env is None and is_description(settings.name):
+        raise SwingupError(f"this run's environment was passed in ({settings.name}): pass it again as env")
+    # Imported here: Gymnasium is slow to load, and the pendulum does not need it.
+    from .host_backend import HostBackend
+
+    made_from = settings.env if env is None else env
+    return HostBackend(made_from, settings.name, config, range(seed, seed + seeds), settings.evaluation_episodes)
