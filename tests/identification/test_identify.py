@@ -156,7 +156,7 @@ def test_columns_of_another_sign_are_named(tmp_path, logs):
 
 
 def test_the_command(logs, tmp_path, capsys, monkeypatch, found):
-    monkeypatch.setattr("swingup.cli.identifying.identify", lambda *given: found)
+    monkeypatch.setattr("swingup.cli.pendulums.identify", lambda *given: found)
     assert main(["identify", logs[0], "--json", "--out", str(tmp_path / "mine.yml")]) == 0
     assert set(json.loads(capsys.readouterr().out)) == {"parameters", "intervals", "determined", "errors"}
     assert main(["identify", logs[0]]) == 0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from refusals import refusal
-from swingup.cli.adapting import adapted_domain
+from swingup.cli.refining import adapted_domain
 from swingup.dynamics.integrate import stable_substeps
 from swingup.loop.domain import PLANT, SHIPPED, load_domain, make_domain
 from swingup.loop.draw import draw

@@ -119,15 +119,19 @@ def plant_of(options: PlantOptions) -> Plant:
     return found.frictionless() if options.get("frictionless") else found
 
 
-def check_plant_outputs(paths: Sequence[str]) -> None:
-    """Refuse files that a plant cannot be written to, before the work that finds it.
+PLANT_FORMATS = (*PARAMETER_FILES, *MODEL_FILES)
+
+
+def check_outputs(formats: Sequence[str], *paths: str | None) -> None:
+    """Refuse files that cannot be written, before the work that makes their content; None is no file.
 
     Raises:
         SwingupError: a name has another ending, or its folder cannot be written.
     """
     for path in paths:
-        check_suffix(path, (*PARAMETER_FILES, *MODEL_FILES))
-        check_writable(path)
+        if path is not None:
+            check_suffix(path, formats)
+            check_writable(path)
 
 
 def named_values(option: str, words: Iterable[str], example: str) -> dict[str, float]:

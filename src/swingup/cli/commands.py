@@ -2,15 +2,12 @@
 
 from collections.abc import Sequence
 
-from .comparing import compare_command
 from .demonstrating import demo_command
-from .exciting import excite_command
 from .exporting import export_command
-from .identifying import identify_command
 from .judging import evaluate_command, leaderboard_command, score_command
-from .measuring import plant_command
 from .parsing import Command, parse
-from .plotting import plot_command
+from .pendulums import excite_command, identify_command, plant_command
+from .plotting import compare_command, plot_command
 from .refining import refine_command
 from .rehearsing import rehearse_command
 from .sweeping import sweep_command

@@ -1,14 +1,82 @@
-"""The command ``plot``: figures from files."""
+"""The commands ``compare`` and ``plot``: pages and figures of logs, trajectories, results and runs."""
 
 from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from ..common.errors import SwingupError
 from ..common.files import check_writable
+from ..common.text import one_line
+from ..loop.on_plant import plant_as_domain
+from ..report.compare import compare
 from ..report.film import FPS, SIZE
-from ..report.save import save_plot
-from .arguments import NO_PLANT, OptionalNames, OptionalRobot, PlantOptions, plant_of
-from .output import tell
+from ..report.log_report import report_comparison
+from ..report.save import PAGE_FORMATS, save_log_report, save_plot
+from .arguments import (
+    NO_PLANT,
+    PLANTS,
+    OptionalDomain,
+    OptionalFile,
+    OptionalInt,
+    OptionalNames,
+    OptionalRobot,
+    OptionalText,
+    PlantOptions,
+    check_outputs,
+    plant_of,
+)
+from .output import foreign_prints_apart, tell, tell_json
+from .tables import show_parts
+
+PlantNames = Annotated[tuple[str, ...], arg(metavar="PLANT...", help=f"plants to compare: {PLANTS}.")]
+
+
+def compare_command(
+    log: Positional[Annotated[str, arg(metavar="LOG")]],
+    /,
+    plant: PlantNames = ("C.1",),
+    controller: OptionalText = None,
+    domain: OptionalDomain = None,
+    robot: OptionalRobot = None,
+    seed: OptionalInt = None,
+    columns: OptionalNames = (),
+    out: OptionalFile = None,
+    json: bool = False,
+) -> int:
+    """Compare a log with what plants predict of it, and with a controller's simulated run.
+
+    Errors are those of predictions after 0.1, 0.25, 0.5 and 1 s, and by speed. Where a plant's file has no delay
+    and lag, those that predict the log best are taken.
+
+    Args:
+        log: a recording, as swingup identify reads it.
+        plant: plants to compare.
+        controller: a controller whose run on each plant stands beside the log.
+        domain: loop of the controller's runs: a domain's name or file. Default: a perfect loop, or what the plant's
+            file has.
+        robot: acrobot or pendubot, where the log's torques do not show which one the controller drives.
+        seed: seed of what is drawn from the domain. Default: 0.
+        columns: names and units of the log's columns, as of swingup identify.
+        out: page (.html) or figure (.png, .svg, .pdf) to write.
+        json: print one JSON object.
+    """
+    if not plant:
+        raise SwingupError("--plant needs at least one plant: a shipped name or a file")
+    for option, value in {"--domain": domain, "--robot": robot and robot.name, "--seed": seed}.items():
+        if controller is None and value is not None:
+            raise SwingupError(f"{option} {one_line(value)} goes with a controller's runs: add --controller")
+    check_outputs(PAGE_FORMATS, out)
+    plants = {name: plant_as_domain(name) for name in plant}
+    with foreign_prints_apart():
+        found = compare(log, plants, controller, domain, robot, seed or 0, columns)
+    report = report_comparison(found)
+    if out is not None:
+        save_log_report(report, out)
+    if json:
+        tell_json(found.as_dict())
+    else:
+        show_parts(report.parts, [*report.notes, *([f"wrote {out}"] if out else [])])
+    return 0
 
 
 def plot_command(

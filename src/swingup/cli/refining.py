@@ -3,26 +3,35 @@
 import dataclasses
 import time
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 from tyro.conf import arg
 
+from ..benchmark.judge import judge
+from ..benchmark.result import Result
 from ..benchmark.seeds import check_seeds
 from ..common.errors import SwingupError
-from ..common.files import check_writable
+from ..common.files import check_writable, write_atomically
 from ..common.text import duration
 from ..common.version import __version__
+from ..controllers.registry import get_controller
 from ..controllers.stack.controller import policy_alone
-from ..loop.domain import Domain
+from ..learner.policy_files import BEST
+from ..learner.presets import get_preset
+from ..learner.run_settings import make_run_settings
+from ..learner.start import resume_run, start_run
+from ..loop.domain import Domain, load_domain
+from ..loop.on_plant import drawn_around, loop_around, plant_as_domain
 from ..plant.plant import LEADERBOARD, Plant
+from ..plant.robots import Robot
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
 from ..policy.shipped import AR_EAPO, load_policy
-from ..refine.recipe import ADAPT, RECIPES, RefinementReport, run_recipe, wrapped_policy
+from ..refine.plant_draws import RECORDED
+from ..refine.recipe import ADAPT, RECIPES, RefinementReport, frictionless_design, run_recipe, wrapped_policy
 from ..report.adapt_report import report_adaptation
-from ..report.inputs import check_suffix
 from ..report.save import PAGE_FORMATS, save_log_report
-from .adapting import SEED, adapted_domain, base_policy, judged
 from .arguments import (
     NO_PLANT,
     OptionalDomain,
@@ -30,6 +39,7 @@ from .arguments import (
     OptionalInt,
     PlantOptions,
     RobotName,
+    check_outputs,
     optional,
     plant_of,
     word_of,
@@ -38,6 +48,12 @@ from .output import tell
 from .parsing import command_line
 from .progress import Progress
 from .results import result_lines
+from .showing import figures
+
+PRESET = "small"
+"""Preset of the base policies: it learns to recover on any pendulum in minutes."""
+SEED = 20_000
+"""First seed of the judged draws."""
 
 
 def refine_command(
@@ -75,9 +91,7 @@ def refine_command(
     check_seeds(seed, 1)
     check_seeds(SEED, seeds)
     check_writable(out)
-    if page is not None:
-        check_suffix(page, PAGE_FORMATS)
-        check_writable(page)
+    check_outputs(PAGE_FORMATS, page)
     policy = AR_EAPO if policy is None and recipe != ADAPT else policy
     options: dict[str, Any] = {"policy": policy, "recipe": recipe, "domain": domain, "seed": seed}
     command = command_line("refine", robot.name, **options, out=Path(out).name, **plant)
@@ -93,11 +107,11 @@ def refine_command(
     with Progress() as progress:
         if policy is None:
             folder = Path(out).with_name(f"{Path(out).stem}-base")
-            base = base_policy(robot, around, folder, seed, frames, progress)
+            base = _base_policy(robot, around, folder, seed, frames, progress)
         else:
             base = load_policy(policy, robot)
         _refine(base, out, recipe, seed, command, progress, domain=around)
-        result = judged(out, robot, around, seeds, progress)
+        result = _judged(out, robot, around, seeds, progress)
     if page is not None:
         save_log_report(report_adaptation(around, result), page)
     again = command_line("evaluate", robot.name, board="sim2real", controller=out, domain=file)
@@ -153,3 +167,42 @@ def _provenance(
         "scores": {"v2": dataclasses.asdict(now.criteria)},
         "base": origin,
     }
+
+
+def adapted_domain(options: PlantOptions, domain: str | None, out: str) -> tuple[Domain, str]:
+    """The domain that the options name, and the file that has it: one beside ``out`` around a plant of facts."""
+    if "plant" not in options:
+        return load_domain(domain or RECORDED), domain or RECORDED
+    facts = plant_as_domain(plant_of(options) if options.get("frictionless") else options["plant"])
+    if facts.low.plant == facts.high.plant:
+        facts = drawn_around(facts.plant)
+    around = loop_around(facts, domain or RECORDED)
+    file = Path(out).with_name(f"{Path(out).stem}-adapt.yml")
+    rows = {name: [low, high] for name, low, high in around.ranges}
+    option = {} if around.low.loop.velocities is None else {"velocities": around.low.loop.velocities}
+    text = "".join(f"{name}: {value}\n" for name, value in {**rows, **option}.items())
+    write_atomically(file, f"# Source: swingup refine --recipe adapt, {around.name}. SI units.\n{text}".encode())
+    return load_domain(str(file)), str(file)
+
+
+def _base_policy(
+    robot: Robot, domain: Domain, folder: Path, seed: int, frames: int | None, bar: Progress
+) -> PendulumPolicy:
+    """A policy that recovers on the domain's plant without friction: trained here, or continued from the folder."""
+    goal = get_preset(PRESET).frames if frames is None else frames
+    settings = make_run_settings(robot.name, PRESET, plant=frictionless_design(domain), seed=seed)
+    run = resume_run(folder, goal) if folder.exists() else start_run(settings, folder, goal)
+    bar.log(f"base policy ({PRESET}) for {frictionless_design(domain)}: compiling")
+    run.compile()
+    bar("base policy", run.frames, run.goal)
+    for report in run.advance():
+        bar("base policy", report.frames, run.goal, figures(report))
+    run.close()
+    return load_policy(run.folder / BEST, robot)
+
+
+def _judged(out: str, robot: Robot, domain: Domain, seeds: int, bar: Progress) -> Result:
+    """How the policy in a file does on draws that its training did not see."""
+    progress = partial(bar, "judging")
+    controller = get_controller(out, robot)
+    return judge(controller, robot, "sim2real", seeds, seed=SEED, name=out, domain=domain, progress=progress)

@@ -2,10 +2,13 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, TypedDict
+from typing import TYPE_CHECKING, Annotated, Any, TypedDict
 
 import numpy as np
+from tyro.conf import arg
+from tyro.constructors import MISSING, ConstructorRegistry, StructTypeInfo
 
+from ..areapo.config import Config, format_value, is_pair, parse_value
 from ..benchmark.judge import judge
 from ..common.checks import whole_number
 from ..common.errors import SwingupError
@@ -13,7 +16,7 @@ from ..controllers.registry import get_controller
 from ..learner.compiled_backend import share_cores
 from ..learner.metrics import METRICS_FILE, read_metrics
 from ..learner.policy_files import BEST, LAST, result_on_disk
-from ..learner.presets import PRESETS, get_preset
+from ..learner.presets import PENDULUM_PRESET, PRESETS, get_preset
 from ..learner.rates import REWARD_RATE, describe_rates, shown_rate, training_resets
 from ..learner.run import Run
 from ..learner.run_settings import is_continuing, make_run_settings, read_run_settings
@@ -29,8 +32,8 @@ from .arguments import (
     plant_of,
     task_name,
 )
-from .hyperparameters import HyperparameterOptions
 from .output import tell, tell_table
+from .parsing import value_of
 from .results import result_lines
 from .showing import train_shown
 
@@ -51,6 +54,41 @@ class RunOptions(TypedDict, total=False):
             "0: training gives the score."
         ),
     ]
+
+
+def _defaults(name: str) -> str:
+    """The value of a hyperparameter in every preset, as ``2.0; global: 0.4; ppo: 0.0``."""
+    by_value: dict[str, list[str]] = {}
+    for preset, each in PRESETS.items():
+        by_value.setdefault(format_value(getattr(each.config, name)), []).append(preset)
+    usual = format_value(getattr(PRESETS[PENDULUM_PRESET].config, name))
+    others = [f"{', '.join(presets)}: {value}" for value, presets in by_value.items() if value != usual]
+    return "; ".join([usual, *others])
+
+
+def _annotation(name: str, text: str) -> Any:
+    """Type, help and parser of a hyperparameter's option."""
+    option = arg(help=" ".join(text.split()), help_behavior_hint=f"({_defaults(name)})")
+    default = getattr(Config, name)
+    if isinstance(default, bool):
+        return Annotated[bool, option]
+    metavar = {int: "INT", float: "FLOAT", tuple: "INT..."}.get(type(default), "WORD")
+    metavar = "FLOAT FLOAT" if is_pair(name) else metavar
+    words = "*" if isinstance(default, tuple) else 1
+    return Annotated[Any, option, value_of(lambda *typed: parse_value(name, " ".join(typed)), metavar, words)]
+
+
+# Type checkers cannot follow fields that are computed.
+if TYPE_CHECKING:
+    HyperparameterOptions = dict[str, Any]
+else:
+    # Tyro reads the strings under the fields, and leaves out what was not given.
+    _described = ConstructorRegistry.get_struct_spec(StructTypeInfo.make(Config, MISSING, in_union_context=False))
+    HyperparameterOptions = TypedDict(
+        "HyperparameterOptions",
+        {field.name: _annotation(field.name, field.helptext()) for field in _described.fields},
+        total=False,
+    )
 
 
 DEFAULT_RUN: RunOptions = {}

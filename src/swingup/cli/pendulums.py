@@ -1,0 +1,237 @@
+"""The commands about pendulums: ``plant`` describes one, ``excite`` and ``identify`` find one from its motion."""
+
+import itertools
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Annotated
+
+from tyro.conf import Positional, UseAppendAction, arg
+
+from ..common.errors import SwingupError
+from ..common.files import check_writable
+from ..identification.excite.excite import Excitation, excite
+from ..identification.excite.prior import prior_around
+from ..identification.identify import identify
+from ..loop.domain import Domain, load_domain
+from ..plant.measured import MeasuredPlant, measured_plant
+from ..plant.model_files.bodies import READINGS
+from ..plant.plant import Plant, is_model_file, load_plant
+from ..plant.robots import ROBOTS
+from ..plant.save import save_plant
+from ..plant.units import torque_over_gravity
+from ..report.log_report import identification_tables, report_identification
+from ..report.save import PAGE_FORMATS, save_log_report
+from .arguments import (
+    PLANT_FORMATS,
+    PLANTS,
+    OptionalDomain,
+    OptionalFloat,
+    OptionalNames,
+    PlantOutputs,
+    check_outputs,
+    named_values,
+    optional,
+    word_of,
+)
+from .output import tell, tell_json, tell_table
+from .progress import Progress
+from .tables import show_parts
+
+ROWS = {
+    "m": "mass (kg)",
+    "l": "length (m)",
+    "r": "centre of mass from the joint (m)",
+    "I": "inertia about the joint (kg m²)",
+    "b": "damping (N m s/rad)",
+    "cf": "Coulomb friction (N m)",
+    "tl": "torque limit (N m)",
+}
+"""Numbers that both links or both joints have."""
+
+
+def plant_command(
+    source: Positional[
+        Annotated[str | None, optional("PLANT", f"{PLANTS}; without it the values say all.")]
+    ] = None,
+    /,
+    set: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], optional("NAME=VALUE...")] = (),
+    inertia: Annotated[str | None, word_of("inertia", *READINGS), optional()] = None,
+    out: PlantOutputs = (),
+    json: bool = False,
+) -> int:
+    """Read a plant from a URDF, an MJCF or measured values, show it, and write it as YAML, URDF or MJCF.
+
+    From a ruler and a scale: --set m1=0.5 l1=0.2 m2=0.6 l2=0.3 motor=1 gr=6. Without more, links are rods.
+
+    Args:
+        source: the plant.
+        set: values in SI units, which replace the plant's: m1, l1, r1, I1, b1, cf1, tl1, those of link 2, Ir, gr
+            and g, as in a parameter file; Ic1 and Ic2, inertias about the centres of mass; motor, the torque of
+            both motors before the gears.
+        inertia: what the inertias of a URDF or an MJCF are about: the centre of mass, or the joint, as in
+            RealAIGym's files.
+        out: files to write, .yml, .urdf or .xml.
+        json: print one JSON object.
+    """
+    check_outputs(PLANT_FORMATS, *out)
+    found = measured_plant(source, named_values("--set", itertools.chain(*set), "m1=0.5"), inertia)
+    for each in sorted(out, key=is_model_file, reverse=True):  # which may not hold every plant
+        save_plant(each, found.plant, ["SI units, inertias about the joints.", *found.notes])
+    if json:
+        tell_json({"plant": found.plant.name, **found.plant.values(), "notes": found.notes})
+    else:
+        _show_plant(found)
+        tell(*(f"wrote {each}: use it with --plant {each}" for each in out))
+    return 0
+
+
+def _show_plant(found: MeasuredPlant) -> None:
+    plant = found.plant
+    rows = [[f"{text}", f"{name}1, {name}2", *_pair(plant, name)] for name, text in ROWS.items()]
+    tell_table(["", "names", "link 1", "link 2"], rows, texts=2, title=str(plant))
+    ratios = ", ".join(f"{name} {torque_over_gravity(plant.driven(robot)):.3g}" for name, robot in ROBOTS.items())
+    tell(
+        f"rotors Ir = {plant.Ir:.4g} kg m², gear ratio gr = {plant.gr:.4g}, gravity g = {plant.g:.4g} m/s²",
+        f"torque over gravity: {ratios}",
+        *found.notes,
+    )
+
+
+def _pair(plant: Plant, name: str) -> Sequence[str]:
+    return [f"{getattr(plant, f'{name}{link}'):.4g}" for link in (1, 2)]
+
+
+def excite_command(
+    out: Annotated[str, arg(metavar="FILE.csv")],
+    plant: Annotated[
+        str | None, optional("PLANT", f"the robot, as far as it is known: {PLANTS}; default: C.1.")
+    ] = None,
+    domain: OptionalDomain = None,
+    joint: Annotated[str, word_of("joint", "both", "shoulder", "elbow")] = "both",
+    duration: float = 10.0,
+    torque: OptionalFloat = None,
+    speed: OptionalFloat = None,
+    angle: float = 3.0,
+    alone: bool = False,
+    seed: int = 0,
+    json: bool = False,
+) -> int:
+    """Write an excitation for identification, within limits that are checked on plants drawn from a prior.
+
+    The file has time, motion (pos, vel, acc), torques (tau) and feedback gains (K), 500 rows a second. Play
+    u = tau + K (x - [pos, vel]) from hanging at rest, and give the robot's log to swingup identify.
+
+    Args:
+        out: the excitation's file.
+        plant: the robot.
+        domain: ranges of what the robot may be: a domain's name or file. Default: around the plant.
+        joint: which motors act.
+        duration: length (s).
+        torque: largest torque (N m). Default: that of the motors.
+        speed: largest speed of a joint (rad/s). Default: 20 on design C.1, other plants in their own units.
+        angle: largest angle of a joint from hanging (rad).
+        alone: for loops without feedback: the torques are played alone.
+        seed: seed of the plants that are drawn.
+        json: print one JSON object.
+    """
+    check_writable(out)
+    prior = find_prior(plant, domain)
+    found = excite(prior, duration, joint, torque, speed, angle, seed, alone)
+    found.save(out)
+    if json:
+        tell_json({"domain": prior.name, "joint": joint, "seed": seed, **found.as_dict()})
+    else:
+        tell(*excitation_lines(found, prior), f"wrote {out}")
+    return 0
+
+
+def find_prior(plant: str | None, domain: str | None) -> Domain:
+    """What the robot may be: a domain, perhaps around another plant, or ranges around a plant.
+
+    Raises:
+        SwingupError: there is no such plant or domain.
+    """
+    if domain is None:
+        return prior_around(load_plant(plant or "C.1"))
+    found = load_domain(domain)
+    return found if plant is None else replace(found, plant=load_plant(plant))
+
+
+def excitation_lines(found: Excitation, prior: Domain) -> list[str]:
+    """What it reaches on all checked plants."""
+    torques = [abs(found.torque[:, joint]).max() for joint in (0, 1)]
+    pairs = zip(torques, found.limits.torque, strict=True)
+    return [
+        f"{found.time[-1]:.3g} s, checked on {found.plants} plants of {prior.name}",
+        "  largest torque " + ", ".join(f"{u:.3g} of {limit:.3g} N m" for u, limit in pairs),
+        f"  largest speed {found.speed:.3g} of {found.limits.speed:.3g} rad/s, "
+        f"angle {found.angle:.3g} of {found.limits.angle:.3g} rad",
+    ]
+
+
+Logs = Positional[Annotated[tuple[str, ...], arg(metavar="LOG...")]]
+TestLogs = Annotated[tuple[str, ...], arg(metavar="LOG...")]
+KnownValues = Annotated[
+    tuple[str, ...], arg(metavar="NAME=VALUE...", help="values that you know, as m2r2=0.16, Ir=6e-5 or gain=0.85.")
+]
+Sessions = Annotated[
+    tuple[str, ...], arg(metavar="LABEL...", help="a session's label for each log, test logs last.")
+]
+
+
+def identify_command(
+    logs: Logs,
+    /,
+    test: TestLogs = (),
+    start: Annotated[str, arg(metavar="NAME|FILE")] = "C.1",
+    out: PlantOutputs = (),
+    known: KnownValues = (),
+    sessions: Sessions = (),
+    columns: OptionalNames = (),
+    force: bool = False,
+    seed: int = 0,
+    page: Annotated[str | None, optional("FILE.html")] = None,
+    json: bool = False,
+) -> int:
+    """Fit a pendulum's parameters and its loop to logs; takes a minute or less for five logs of 10 s.
+
+    Errors are those of held-out motion: the test logs, or without them a part of the logs.
+
+    Args:
+        logs: logs to fit.
+        test: logs to report errors on; not fitted.
+        start: plant to start from, which knows the lengths: a shipped plant's name or a file.
+        out: files for the plant, .yml, .urdf or .xml; its ranges go to FILE-domain.yml beside the first.
+        known: values that you know.
+        sessions: labels, where offsets, torque gain and delay differ between logs.
+        columns: names and units of the logs' columns, as time=t:ms q1=theta1:deg u1=current1:A*0.7 q2=b-a, or names
+            in order, with _ for a column that is not read.
+        force: take logs as they are that look wrong.
+        seed: seed of the intervals' bootstrap.
+        page: page (.html) or figure (.png, .svg, .pdf): windows, residuals, friction curves and held-out errors.
+        json: print one JSON object.
+    """
+    if not logs:
+        raise SwingupError("swingup identify needs LOG...: see swingup identify --help")
+    check_outputs(PLANT_FORMATS, *out)
+    check_outputs(PAGE_FORMATS, page)
+    begun, log = time.monotonic(), Progress().log
+    facts = named_values("--known", known, "m2r2=0.16")
+    found = identify(logs, test, start, facts, sessions or None, seed, columns, force)
+    log(f"fitted in {time.monotonic() - begun:.0f} s")
+    if json:
+        # Standard output holds one object; what logs showed is said beside it.
+        for warning in (text for recording in found.recordings for text in recording.warnings):
+            log(warning)
+        tell_json(found.as_dict())
+    else:
+        show_parts(identification_tables(found), found.notes)
+    if page is not None:
+        save_log_report(report_identification(found), page)
+    if out:
+        domain = found.save(*out)
+        if not json:
+            command = f"swingup evaluate ROBOT --board sim2real --domain {domain}"
+            tell("", f"wrote {', '.join(out)} and {domain}: try a controller with {command}")
+    return 0
