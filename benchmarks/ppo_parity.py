@@ -23,9 +23,10 @@ from gymnasium import Env
 from gymnasium.spaces import Box
 from gymnasium.wrappers import TransformAction
 from mujoco_learning import ENVS, STEPS, Point, trained_areapo, trained_sb3
+from numpy.typing import ArrayLike
 from study import Study, cell
 
-from swingup.benchmark.interval import interquartile_mean, stratified_bootstrap
+from swingup.benchmark.comparison import bootstrap_interval, interquartile_mean
 
 
 def ours(task: str, seed: int, frames: int) -> Iterator[Point]:
@@ -61,12 +62,11 @@ RETURNS = {"last evaluation": lambda scores: scores[-1], "all evaluations": fmea
 def ratio(mine: Sequence[float], theirs: Sequence[float]) -> str:
     """The ratio of the interquartile means and its interval."""
 
-    def ratios(*drawn: np.ndarray) -> np.ndarray:
-        first, second = (np.array([interquartile_mean(each) for each in table]) for table in drawn)
-        return np.asarray(first / second)
+    def ratio_of_means(first: ArrayLike, second: ArrayLike) -> Any:
+        return interquartile_mean(first) / interquartile_mean(second)
 
-    low, high = stratified_bootstrap(ratios, mine, theirs, resamples=2_000)
-    return f"{interquartile_mean(mine) / interquartile_mean(theirs):.2f} ({low:.2f} to {high:.2f})"
+    low, high = bootstrap_interval(ratio_of_means, mine, theirs, resamples=2_000)
+    return f"{ratio_of_means(mine, theirs):.2f} ({low:.2f} to {high:.2f})"
 
 
 def main() -> None:

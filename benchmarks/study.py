@@ -10,8 +10,7 @@ from typing import Any, NotRequired, TypedDict
 import numpy as np
 from scipy.stats import ttest_ind
 
-from swingup.benchmark.comparison import improvement_interval, probability_of_improvement
-from swingup.benchmark.interval import bootstrap_interval, interquartile_mean
+from swingup.benchmark.comparison import bootstrap_interval, interquartile_mean, probability_of_improvement
 from swingup.common.files import write_atomically
 
 TAIL = 0.1
@@ -103,7 +102,7 @@ def cell(values: Sequence[float], digits: int = 3) -> str:
     """Interquartile mean and interval, and the number of seeds if there are fewer than three."""
     if not values:
         return "not run"
-    low, high = bootstrap_interval(values)
+    low, high = bootstrap_interval(interquartile_mean, values)
     few = f", {len(values)} seeds only" if len(values) < 3 else ""
     return f"{interquartile_mean(values):.{digits}f} ({low:.{digits}f} to {high:.{digits}f}{few})"
 
@@ -122,7 +121,7 @@ def improvement(ours: Sequence[Sequence[float]], theirs: Sequence[Sequence[float
     mine, peers = (
         np.array([task[: min(map(len, tasks))] for task in tasks]).T for tasks in zip(*both, strict=True)
     )
-    low, high = improvement_interval(mine, peers)
+    low, high = bootstrap_interval(probability_of_improvement, mine, peers)
     runs = f"{len(mine)} and {len(peers)} runs of {len(both)} tasks"
     return f"{probability_of_improvement(mine, peers):.2f} ({low:.2f} to {high:.2f}; {runs})"
 

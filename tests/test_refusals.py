@@ -18,10 +18,14 @@ from refusals import refusal
 from swingup import AREAPO, identify, judge, loop_controller, search
 from swingup.areapo.config import Config
 from swingup.benchmark.boards import ROBUSTNESS
-from swingup.benchmark.comparison import improvement_interval, probability_of_improvement, profile_interval
+from swingup.benchmark.comparison import (
+    bootstrap_interval,
+    interquartile_mean,
+    performance_profile,
+    probability_of_improvement,
+)
 from swingup.benchmark.disturbances import DisturbanceSettings
 from swingup.benchmark.grid import change_grid
-from swingup.benchmark.interval import bootstrap_interval, interquartile_mean
 from swingup.benchmark.leaderboard import leaderboard
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import PushRules
@@ -61,6 +65,10 @@ def usually(call, **usual):
 def tanh_policy():
     policy = load_policy("ar-eapo", "acrobot")
     return dataclasses.replace(policy, network=dataclasses.replace(policy.network, activation="tanh"))
+
+
+def interval(scores=(1.0,), resamples=10):
+    return bootstrap_interval(interquartile_mean, scores, resamples=resamples)
 
 
 def disturbance(**given):
@@ -108,9 +116,9 @@ ENTRIES = {
     },
     usually(leaderboard, robot="acrobot"): {"boards": [["v9"]]},
     interquartile_mean: {"scores": TABLES},
-    usually(bootstrap_interval, scores=[1.0]): {"scores": TABLES, "resamples": [0]},
-    usually(improvement_interval, ours=SCORES, theirs=SCORES): {"theirs": [[[1.0, 2.0]], [None]]},
-    usually(profile_interval, scores=SCORES): {"thresholds": [[[0.0, 1.0]], []]},
+    interval: {"scores": TABLES, "resamples": [0]},
+    usually(probability_of_improvement, ours=SCORES, theirs=SCORES): {"theirs": [[[1.0, 2.0]], [None]]},
+    usually(performance_profile, scores=SCORES): {"thresholds": [[[0.0, 1.0]], []]},
     usually(baseline, name="lqr", robot="acrobot"): {"name": ["pid"], "robot": ["cartpole"]},
     usually(get_controller, name="tvlqr", robot="acrobot"): {
         "name": ["pid", "mine:", ":it", "..x:it", "math:pi.nothing", "a\nb:it", "\udce9:it"], "robot": ["cartpole"],

@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 
 from swingup.benchmark.comparison import (
-    improvement_interval,
+    bootstrap_interval,
+    interquartile_mean,
     performance_profile,
     probability_of_improvement,
-    profile_interval,
 )
-from swingup.benchmark.interval import bootstrap_interval, interquartile_mean
 
 OURS = np.array([[1.2, 0.4, 3.0], [0.9, 0.7, 2.0], [1.2, 0.1, 5.5], [2.5, 0.8, 4.0], [0.3, 0.4, 3.5]])
 THEIRS = np.array([[1.0, 0.4, 2.0], [0.9, 0.6, 4.5], [1.4, 0.2, 1.0], [0.8, 0.4, 3.0]])
@@ -38,7 +37,7 @@ OTHER_WAVES = np.cos(np.arange(42) ** 2.0).reshape(7, 6)
 def test_interquartile_mean_is_that_of_rliable(scores, mean, low, high):
     assert interquartile_mean(scores) == pytest.approx(mean, rel=1e-12)
     # The ends are random in both programs.
-    assert bootstrap_interval(scores) == pytest.approx((low, high), abs=0.04 * (high - low))
+    assert bootstrap_interval(interquartile_mean, scores) == pytest.approx((low, high), abs=0.04 * (high - low))
 
 
 @pytest.mark.parametrize(
@@ -51,7 +50,8 @@ def test_interquartile_mean_is_that_of_rliable(scores, mean, low, high):
 )
 def test_probability_of_improvement_is_that_of_rliable(ours, theirs, probability, low, high):
     assert probability_of_improvement(ours, theirs) == pytest.approx(probability, rel=1e-12)
-    assert improvement_interval(ours, theirs) == pytest.approx((low, high), abs=0.02 * (high - low))
+    found = bootstrap_interval(probability_of_improvement, ours, theirs)
+    assert found == pytest.approx((low, high), abs=0.02 * (high - low))
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,8 @@ def test_probability_of_improvement_is_that_of_rliable(ours, theirs, probability
 def test_performance_profile_is_that_of_rliable(scores, thresholds, profile, low, high):
     """In runs: the ends are whole numbers of them here, and the same in both programs."""
     assert performance_profile(scores, thresholds) * scores.size == pytest.approx(profile)
-    assert profile_interval(scores, thresholds) * scores.size == pytest.approx(np.array([low, high]))
+    found = bootstrap_interval(lambda drawn: performance_profile(drawn, thresholds), scores)
+    assert found * scores.size == pytest.approx(np.array([low, high]))
 
 
 def test_interquartile_mean_pools_runs_and_tasks():
@@ -87,12 +88,12 @@ def test_performance_profile_by_hand():
 
 def test_resamples_draw_the_learners_separately():
     # The probability of ours 1, 1 with theirs 0, 0 is 1/16; with common draws ours would always tie.
-    assert improvement_interval([0.0, 1.0], [0.0, 1.0]) == (0.0, 1.0)
+    assert bootstrap_interval(probability_of_improvement, [0.0, 1.0], [0.0, 1.0]).tolist() == [0.0, 1.0]
 
 
 def test_interval_of_three_runs_ends_at_the_worst_and_the_best():
     # Three times the worst has the probability 1/27, more than 2.5 %.
-    assert bootstrap_interval([1.0, 5.0, 3.0]) == (1.0, 5.0)
+    assert bootstrap_interval(interquartile_mean, [1.0, 5.0, 3.0]).tolist() == [1.0, 5.0]
 
 
 def test_interval_is_that_of_all_resamples():
@@ -101,4 +102,4 @@ def test_interval_is_that_of_all_resamples():
     draws = list(itertools.product(range(3), repeat=3))
     means = [interquartile_mean([*scores[list(a), 0], *scores[list(b), 1]]) for a in draws for b in draws]
     exact = np.percentile(means, [2.5, 97.5])
-    assert bootstrap_interval(scores, 40_000) == pytest.approx(tuple(exact), abs=0.01)
+    assert bootstrap_interval(interquartile_mean, scores, resamples=40_000) == pytest.approx(exact, abs=0.01)

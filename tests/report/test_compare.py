@@ -16,8 +16,9 @@ from swingup.identification.log.segments import INTERVAL, Segments, cut_windows
 from swingup.identification.open_loop import by_speed, predict_log, predicted_curves
 from swingup.loop.domain import make_domain
 from swingup.plant.robots import ROBOTS
-from swingup.report.compare import Comparison, close_loop, compare, driven_robot
+from swingup.report.compare import Comparison, close_loop, compare
 from swingup.report.draw import draw
+from swingup.report.inputs import driven_robot
 from swingup.report.log_report import report_comparison
 from swingup.report.page import render_log_page
 from swingup.report.save import save_log_report
@@ -102,10 +103,11 @@ def test_drawn_predictions_pass_through_the_log(comparison):
 
 def test_the_robot_of_a_log_is_that_of_its_torque(log, comparison, tmp_path):
     assert comparison.predictions[0].fitted == ()  # delay and lag come from the domain
-    assert driven_robot(read_recording(log)).name == "pendubot"
+    recording = read_recording(log)
+    assert driven_robot(recording.name, recording.u).name == "pendubot"
     free = read_recording(write_log(tmp_path / "free.csv", driven=False))
-    with pytest.raises(SwingupError, match=r"free\.csv has no torque: say --robot"):
-        driven_robot(free)
+    with pytest.raises(SwingupError, match=r"free\.csv has no torque: name the robot with --robot"):
+        driven_robot(free.name, free.u)
 
 
 def test_the_page_stands_alone(comparison):

@@ -348,7 +348,7 @@ def test_the_driven_joint_tells_the_robot(tmp_path):
     save_plot("phase", [pendubot, pendubot], tmp_path / "out.svg")
     with pytest.raises(SwingupError, match=r"a.csv is of the acrobot, .*p.csv of the pendubot: draw two pictures"):
         save_plot("phase", [acrobot, pendubot], tmp_path / "out.svg")
-    with pytest.raises(SwingupError, match="has torque on neither joint: name the robot, acrobot or pendubot"):
+    with pytest.raises(SwingupError, match="has no torque: name the robot with --robot acrobot or pendubot"):
         save_plot("phase", [passive], tmp_path / "out.svg")
     save_plot("phase", [passive, pendubot], tmp_path / "out.svg", robot="pendubot")
 

@@ -3,7 +3,7 @@
 import abc
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 from ..loop.domain import Domain
 from ..plant.plant import Plant
@@ -91,6 +91,8 @@ Summary = tuple[dict[str, float | None], dict[str, Interval]]
 class AbstractBoard(abc.ABC):
     """A board. ``dataclasses.replace`` makes another one, with shorter runs for example."""
 
+    keeps_rows: ClassVar[bool] = True
+    """Whether runs are scored by their rows; otherwise by the state after the last step alone."""
     name: str
     duration: float = 10.0
     """Length of a run (s)."""
@@ -117,11 +119,6 @@ class AbstractBoard(abc.ABC):
     @abc.abstractmethod
     def columns(self) -> tuple[str, ...]:
         """Names of the values that the board shows; the last one is the score that it is sorted by."""
-
-    @property
-    @abc.abstractmethod
-    def keeps_rows(self) -> bool:
-        """Whether runs are scored by their rows; otherwise by the state after the last step alone."""
 
     @abc.abstractmethod
     def is_random(self, setting: Setting) -> bool:

@@ -1,114 +1,131 @@
 """Comparisons of learners over several runs on several tasks.
 
-Scores are tables with a row for each run and a column for each task; a flat sequence is runs of a single task. The
-intervals are 95 % stratified bootstrap intervals (``swingup.benchmark.interval.stratified_bootstrap``).
+Scores are tables with a row for each run and a column for each task; a flat sequence is runs of a single task. An
+axis in front of these is one of several tables, each of which gets a value: :func:`bootstrap_interval` makes it.
 Source: Agarwal et al., Deep RL at the edge of the statistical precipice (arXiv 2108.13264), section 4.
 """
+
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..common.checks import whole_number
 from ..common.errors import SwingupError
 from ..common.text import quoted
-from .interval import Interval, score_table, stratified_bootstrap
+
+LARGEST_BLOCK = 1_000_000
+"""Scores that are resampled at once, so that a hundred runs of fifty tasks fit in memory."""
 
 
-def probability_of_improvement(ours: ArrayLike, theirs: ArrayLike) -> float:
+def interquartile_mean(scores: ArrayLike) -> Any:
+    """Mean of the middle half of all scores: a quarter of them, rounded down, is left out at each end.
+
+    The runs of all tasks are pooled, so their scores need a common scale.
+
+    Args:
+        scores: shape (runs,) or (..., runs, tasks).
+
+    Raises:
+        SwingupError: the scores have another shape, or one of them is no number.
+    """
+    table = score_table("scores", scores)
+    pooled = np.sort(table.reshape(*table.shape[:-2], -1), axis=-1)
+    number = pooled.shape[-1]
+    return pooled[..., number // 4 : number - number // 4].mean(axis=-1)
+
+
+def probability_of_improvement(ours: ArrayLike, theirs: ArrayLike) -> Any:
     """Probability that a run of ours scores higher than one of theirs on a task drawn at random.
 
     For each task it is the share of pairs of runs in which ours scores higher; a tie counts half (the Mann-Whitney
     U statistic over the number of pairs). The result is the mean over the tasks. Each task may have its own scale.
 
     Args:
-        ours: shape (runs,) or (runs, tasks).
+        ours: shape (runs,) or (..., runs, tasks).
         theirs: the same tasks in the same order; the number of runs may differ.
 
     Raises:
         SwingupError: the scores have other shapes, the tasks differ in number, or a score is no number.
     """
-    return float(_improvement(*_two_tables(ours, theirs)))
-
-
-def improvement_interval(ours: ArrayLike, theirs: ArrayLike, resamples: int = 10_000) -> Interval:
-    """95 % interval of the probability of improvement: the runs of both learners are resampled.
-
-    Args:
-        ours: as in ``probability_of_improvement``.
-        theirs: scores of the other learner, in the same form.
-        resamples: as in ``stratified_bootstrap``.
-
-    Raises:
-        SwingupError: as ``probability_of_improvement``.
-    """
-    low, high = stratified_bootstrap(_improvement, *_two_tables(ours, theirs), resamples=resamples)
-    return float(low), float(high)
+    mine, other = score_table("ours", ours), score_table("theirs", theirs)
+    if mine.shape[-1] != other.shape[-1]:
+        numbers = f"ours has scores of {mine.shape[-1]} tasks, theirs of {other.shape[-1]}"
+        raise SwingupError(f"{numbers}: give both the same tasks")
+    wins = np.zeros(mine.shape[:-2])
+    # Run by run: all pairs of all resamples at once would take gigabytes.
+    for run in range(other.shape[-2]):
+        their = other[..., run : run + 1, :]
+        wins += (mine > their).mean((-2, -1)) + 0.5 * (mine == their).mean((-2, -1))
+    return wins / other.shape[-2]
 
 
 def performance_profile(scores: ArrayLike, thresholds: ArrayLike) -> np.ndarray:
-    """Share of the runs, of all tasks, whose score is above each threshold.
+    """Share of the runs, of all tasks, whose score is above each threshold; shape (..., thresholds).
 
     The runs of all tasks are pooled, so their scores need a common scale.
 
     Args:
-        scores: shape (runs,) or (runs, tasks).
+        scores: shape (runs,) or (..., runs, tasks).
         thresholds: shape (thresholds,), in the scores' unit.
-
-    Returns:
-        Shape (thresholds,).
 
     Raises:
         SwingupError: the scores or the thresholds have other shapes, or one of them is no number.
     """
-    return _profile(score_table("scores", scores), _levels(thresholds))
+    table, levels = score_table("scores", scores), score_table("thresholds", thresholds)
+    if levels.shape[1:] != (1,):
+        raise SwingupError(f"thresholds = {quoted(thresholds)}: use a flat sequence of numbers")
+    return np.stack([(table > level).mean((-2, -1)) for level in levels[:, 0]], axis=-1)
 
 
-def profile_interval(scores: ArrayLike, thresholds: ArrayLike, resamples: int = 10_000) -> np.ndarray:
-    """95 % interval of the performance profile at each threshold by itself.
+def bootstrap_interval(statistic: Callable[..., Any], *scores: ArrayLike, resamples: int = 10_000) -> np.ndarray:
+    """95 % percentile bootstrap interval of a statistic; the same scores give the same interval.
+
+    A resample draws as many runs as there are, with replacement, for each task and each table separately. The
+    interval is about other seeds on the same tasks, not about other tasks (section 4.1 of the source).
 
     Args:
-        scores: as in ``performance_profile``.
-        thresholds: as in ``performance_profile``.
-        resamples: as in ``stratified_bootstrap``.
+        statistic: one of the functions above, or another one of tables (resamples, runs, tasks).
+        scores: one table or more, each of the shape (runs,) or (runs, tasks).
+        resamples: number of resamples; each draws from all tables.
 
     Returns:
-        Low and high ends, shape (2, thresholds).
+        Low and high ends along the first axis, before the statistic's own axes: shape (2,) or (2, values).
 
     Raises:
-        SwingupError: as ``performance_profile``.
+        SwingupError: the scores have another shape, one of them is no number, or there is no resample.
     """
-    levels = _levels(thresholds)
-    return stratified_bootstrap(lambda drawn: _profile(drawn, levels), scores, resamples=resamples)
+    tables = [score_table("scores", each, most=2) for each in scores]
+    rng = np.random.default_rng(0)
+    left = whole_number("resamples", resamples, 1)
+    block = max(1, LARGEST_BLOCK // max(table.size for table in tables))
+    found = []
+    while left > 0:
+        number = min(left, block)
+        drawn = [
+            np.take_along_axis(table[None], rng.integers(len(table), size=(number, *table.shape)), axis=1)
+            for table in tables
+        ]
+        found.append(statistic(*drawn))
+        left -= number
+    ends: np.ndarray = np.percentile(np.concatenate(found), [2.5, 97.5], axis=0)
+    return ends
 
 
-def _improvement(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """From shapes (..., runs, tasks) to (...)."""
-    wins: np.ndarray = np.zeros(ours.shape[:-2])
-    # Run by run: all pairs of all resamples at once would take gigabytes.
-    for run in range(theirs.shape[-2]):
-        their = theirs[..., run : run + 1, :]
-        wins += (ours > their).mean((-2, -1)) + 0.5 * (ours == their).mean((-2, -1))
-    return wins / theirs.shape[-2]
+def score_table(name: str, scores: ArrayLike, most: int = 3) -> np.ndarray:
+    """Scores of the shape (..., runs, tasks), of at most so many axes.
 
-
-def _profile(scores: np.ndarray, levels: np.ndarray) -> np.ndarray:
-    """From the shape (..., runs, tasks) to (..., thresholds)."""
-    return np.stack([(scores > level).mean((-2, -1)) for level in levels], axis=-1)
-
-
-def _levels(thresholds: ArrayLike) -> np.ndarray:
-    """Thresholds in one dimension."""
-    table = score_table("thresholds", thresholds)
-    if table.shape[1] != 1:
-        raise SwingupError(f"thresholds = {quoted(thresholds)}: use a flat sequence of numbers")
-    return table[:, 0]
-
-
-def _two_tables(ours: ArrayLike, theirs: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Two learners' tables with the same tasks."""
-    tables = score_table("ours", ours), score_table("theirs", theirs)
-    numbers = [table.shape[1] for table in tables]
-    if numbers[0] != numbers[1]:
-        raise SwingupError(
-            f"ours has scores of {numbers[0]} tasks, theirs of {numbers[1]}: give both the same tasks"
-        )
-    return tables
+    Raises:
+        SwingupError: the scores have another shape, or one of them is no number.
+    """
+    wanted = f"{name} = {quoted(scores)}: use one row for each run, with a number for each task"
+    try:
+        table = np.asarray(scores, float)
+    except (TypeError, ValueError) as error:  # words, or rows of several lengths
+        raise SwingupError(wanted) from error
+    if not 1 <= table.ndim <= most or table.size == 0:
+        raise SwingupError(wanted)
+    if np.isnan(table).any():
+        raise SwingupError(f"{name} = {quoted(scores)}: leave out runs without a score")
+    return table[:, None] if table.ndim == 1 else table

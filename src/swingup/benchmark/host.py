@@ -1,7 +1,6 @@
 """The closed loop with controllers in plain Python: their calls between compiled half steps of many simulations."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from time import perf_counter
 
 import jax
@@ -11,7 +10,17 @@ import numpy as np
 from ..common.errors import SwingupError
 from ..controllers.interface.call_time import middle
 from ..controllers.interface.python_controller import Answer, PythonController, answer
-from .rollout import LoopState, Record, Scenario, Trajectory, apply_torque, initial_loop, measure, record
+from .rollout import (
+    LoopState,
+    Record,
+    Scenario,
+    SimulatedBatch,
+    Trajectory,
+    apply_torque,
+    initial_loop,
+    measure,
+    record,
+)
 
 TIMED_STEPS = 52
 """Steps after which the time of the whole batch can be told."""
@@ -23,20 +32,6 @@ _record = jax.jit(jax.vmap(record))
 _apply_torque = jax.jit(jax.vmap(apply_torque, in_axes=(0, 0, None, 0, None)))
 
 
-@dataclass
-class HostRun:
-    """Simulations side by side, run by plain controllers."""
-
-    trajectory: Trajectory | None
-    """With a leading axis for the simulations; NumPy, float64; None if it was not to be kept."""
-    final: np.ndarray
-    """States after the last step, shape (n, 4)."""
-    faults: list[str | None]
-    """What was wrong with a controller's answer, if anything; its torque is 0 from then on."""
-    call_time: float | None
-    """Median wall time of the first calls (s)."""
-
-
 def simulate_on_host(
     scenarios: Scenario,
     controllers: Sequence[PythonController],
@@ -45,10 +40,11 @@ def simulate_on_host(
     depth: int,
     keep: bool,
     timed: Callable[[float, float], None] | None = None,
-) -> HostRun:
+) -> SimulatedBatch:
     """Run one controller in each of a batch of scenarios from hanging at rest; call it in 64-bit mode.
 
-    After a few steps ``timed`` is called with the wall times of a step and of a call (s).
+    The torque of a controller whose answer is wrong is 0 from then on. After a few steps ``timed`` is called with
+    the wall times of a step and of a call (s).
     """
     number = len(controllers)
     calls: list[Answer] = []
@@ -101,7 +97,7 @@ def simulate_on_host(
             u[:, step] = loop.u
     kept_record = None if scenarios.supervisor is None else written
     rows = Trajectory(time=time, x=x, u=u, record=kept_record) if keep else None
-    return HostRun(rows, np.asarray(loop.x), faults, middle(took))
+    return SimulatedBatch(np.asarray(loop.x), faults, rows, middle(took))
 
 
 def _silent(x: np.ndarray, t: float) -> None:

@@ -23,9 +23,9 @@ from .boards import get_board
 from .disturbances import DisturbanceSettings
 from .recording import recorded, stopped_at
 from .result import Result
-from .rollout import Trajectory
-from .runner import Progress, SimulatedBatch, prepare, run_many, stack
-from .seeds import check_seeds, in_groups
+from .rollout import SimulatedBatch, Trajectory
+from .runner import Progress, prepare, run_many, stack
+from .seeds import check_seeds
 from .swing_up_board import SwingUpBoard
 from .uptime_board import UptimeBoard
 
@@ -76,7 +76,8 @@ def judge(
         took = call_time(controller, board.dt) if isinstance(controller, AbstractController) else None
     runs: list[Run] = []
     first = None
-    for group in in_groups(every, board.side_by_side):
+    for start in range(0, len(every), board.side_by_side):
+        group = every[start : start + board.side_by_side]
         with jax.enable_x64(True):
             cases = board.cases(setting, group)
         before, total = len(runs), max(len(every), len(cases))

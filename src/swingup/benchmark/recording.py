@@ -1,7 +1,8 @@
 """Recordings of a run, from a simulation or a robot: the rows that count, and those that every score refuses."""
 
+from typing import NamedTuple
+
 import numpy as np
-from jaxtyping import Float
 
 from ..common.errors import SwingupError
 from .rollout import Trajectory
@@ -15,31 +16,48 @@ SHORTEST = 1e-6
 LEAST = 3
 """Rows of which costs can be summed."""
 
-CheckedRows = tuple[Float[np.ndarray, "rows"], Float[np.ndarray, "rows 4"], Float[np.ndarray, "rows 2"]]
+
+class Rows(NamedTuple):
+    """A trajectory in float64: time (N,), x (N, 4) and u (N, 2), in s, rad, rad/s and N m."""
+
+    time: np.ndarray
+    x: np.ndarray
+    u: np.ndarray
 
 
-def checked_rows(trajectory: Trajectory) -> CheckedRows:
-    """The times (s), states (rad, rad/s) and torques (N m) of a trajectory, in float64.
+def checked_rows(trajectory: Trajectory | Rows, name: str = "the trajectory") -> Rows:
+    """A trajectory in float64.
 
     Raises:
-        SwingupError: the trajectory has fewer than 3 rows, rows of other shapes, values that are not finite, or
-            times that do not increase, are hardly apart or start far from 0.
+        SwingupError: it has fewer than 3 rows, rows of other shapes, values that are not finite, or times that do
+            not increase.
     """
     time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
     rows = time.size
     if rows < LEAST or time.shape != (rows,) or x.shape != (rows, 4) or u.shape != (rows, 2):
         shapes = f"{time.shape}, {x.shape} and {u.shape}"
-        raise SwingupError(f"time, x and u have shapes {shapes}: pass (N,), (N, 4) and (N, 2) with N of 3 or more")
+        wanted = "pass (N,), (N, 4) and (N, 2) with N of 3 or more"
+        raise SwingupError(f"{name}: time, x and u have shapes {shapes}: {wanted}")
     if not (np.isfinite(time).all() and np.isfinite(x).all() and np.isfinite(u).all()):
-        raise SwingupError("the trajectory holds values that are not finite: end it before them")
+        raise SwingupError(f"{name} holds values that are not finite: end it before them")
     if not np.all(np.diff(time) > 0):
-        raise SwingupError("the trajectory's times do not increase: keep one run, in order")
-    usual = float(np.median(np.diff(time)))
+        raise SwingupError(f"{name} has times that do not increase: keep one run, in order")
+    return Rows(time, x, u)
+
+
+def scorable_rows(trajectory: Trajectory) -> Rows:
+    """A trajectory in float64, whose times are those of a run in seconds.
+
+    Raises:
+        SwingupError: as :func:`checked_rows`, or its times are hardly apart or start far from 0.
+    """
+    rows = checked_rows(trajectory)
+    usual = float(np.median(np.diff(rows.time)))
     if usual < SHORTEST:
         raise SwingupError(f"the trajectory's rows are {usual:g} s apart (median): give its times in seconds")
-    if abs(time[0]) > START:
-        raise SwingupError(f"the trajectory starts at t = {time[0]:g} s: give its times as seconds since its start")
-    return time, x, u
+    if abs(start := float(rows.time[0])) > START:
+        raise SwingupError(f"the trajectory starts at t = {start:g} s: give its times as seconds since its start")
+    return rows
 
 
 def recorded(rows: Trajectory, duration: float) -> Trajectory:

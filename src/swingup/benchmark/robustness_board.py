@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import fmean
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from .seeds import MOST_SEEDS
 class RobustnessBoard(AbstractBoard):
     """Sweeps of model errors, noise, motor response and delay, profiles of pushes, and the condition of success."""
 
+    keeps_rows: ClassVar[bool] = False
     model: Mapping[str, ModelSweep] = field(default_factory=lambda: dict(MODEL_SWEEPS))
     velocity_noise: Annotated[Sweep, VELOCITY] = field(default=Sweep(0.0, 0.5, repetitions=10))
     torque_noise: Annotated[Sweep, TORQUE] = field(default=Sweep(0.0, 1.1, repetitions=10))
@@ -54,11 +55,6 @@ class RobustnessBoard(AbstractBoard):
     def columns(self) -> tuple[str, ...]:
         """The measured criteria (%) and the score."""
         return (*self.criteria, "score")
-
-    @property
-    def keeps_rows(self) -> bool:
-        """The last state decides."""
-        return False
 
     def is_random(self, setting: Setting) -> bool:
         """Noise and pushes depend on the seed."""

@@ -5,7 +5,7 @@ Two loops run the same steps: :func:`simulate` compiles a whole simulation with 
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import equinox as eqx
@@ -97,6 +97,20 @@ class SimulationEnd(eqx.Module):
     """The state after the last step."""
     fault: Int[Rows, ""]
     """First step in which the controller answered a finite measurement with a torque that is not finite, or -1."""
+
+
+@dataclass
+class SimulatedBatch:
+    """Simulations side by side; NumPy arrays in float64."""
+
+    final: np.ndarray
+    """States after the last step, shape (n, 4)."""
+    faults: list[str | None]
+    """What was wrong with each controller's answers, if anything."""
+    trajectory: Trajectory | None
+    """With a leading axis; None if it was not to be kept."""
+    call_time: float | None = None
+    """Median wall time of the first calls of a controller in plain Python (s)."""
 
 
 def initial_loop(

@@ -4,7 +4,6 @@ import functools
 import logging
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Any, TypeAlias, TypeVar
 
 import equinox as eqx
@@ -26,8 +25,8 @@ from ..controllers.stack.regulator import RegulatingController
 from ..plant.plant import Plant
 from ..plant.robots import Robot
 from ..policy.plant_facts import plant_difference
-from .host import HostRun, simulate_on_host
-from .rollout import Scenario, SimulationEnd, Trajectory, simulate
+from .host import simulate_on_host
+from .rollout import Scenario, SimulatedBatch, SimulationEnd, Trajectory, simulate
 
 TreeT = TypeVar("TreeT")
 
@@ -57,20 +56,6 @@ def _simulate(
         return end, rows if keep else None
 
     return jax.vmap(one)(scenarios) if batched else one(scenarios)
-
-
-@dataclass
-class SimulatedBatch:
-    """Simulations side by side; NumPy arrays in float64."""
-
-    final: np.ndarray
-    """States after the last step, shape (n, 4)."""
-    faults: list[str | None]
-    """What was wrong with each controller's answers, if anything."""
-    trajectory: Trajectory | None
-    """With a leading axis; None if ``keep`` was false."""
-    call_time: float | None = None
-    """Median wall time of the calls of a controller in plain Python (s)."""
 
 
 def prepare(source: Any, robot: Robot, name: str, plant: Plant | None = None) -> Controller:
@@ -144,20 +129,8 @@ def run_many(
         keep: whether to return the rows as well.
         progress: called after each part of the batch.
     """
-    if isinstance(controller, PythonController):
-        runs = _run_plain(controller, scenarios, dt, steps, depth, keep, progress)
-        rows = (
-            jax.tree.map(lambda *parts: np.concatenate(parts), *[run.trajectory for run in runs]) if keep else None
-        )
-        return SimulatedBatch(
-            final=np.concatenate([run.final for run in runs]),
-            faults=[fault for run in runs for fault in run.faults],
-            trajectory=rows,
-            call_time=runs[0].call_time,
-        )
-    end, rows = _run_compiled(controller, scenarios, dt, steps, depth, keep, progress)
-    faults = [None if step < 0 else _not_finite(int(step), dt) for step in end.fault]
-    return SimulatedBatch(np.asarray(end.final), faults, rows)
+    run = _run_plain if isinstance(controller, PythonController) else _run_compiled
+    return run(controller, scenarios, dt, steps, depth, keep, progress)  # type: ignore[arg-type]  # as it is
 
 
 def stack(trees: Sequence[TreeT]) -> TreeT:
@@ -178,7 +151,7 @@ def _run_compiled(
     depth: int,
     keep: bool,
     progress: Progress | None,
-) -> _Result:
+) -> SimulatedBatch:
     """One batch on an accelerator; on a CPU batches of one shape in a thread for each core, and one run alone.
 
     One batch hardly uses a second core. Controllers that can skip work get smaller batches: a batch takes as long
@@ -190,7 +163,7 @@ def _run_compiled(
         alone = jax.tree.map(lambda leaf: leaf[0], scenarios)
         with jax.enable_x64(True), blaming("running it"):
             result = _simulate(alone, arrays, static, dt, steps, depth, keep, batched=False)
-            return jax.tree.map(lambda leaf: np.asarray(leaf)[None], result)
+            return _batch(jax.tree.map(lambda leaf: np.asarray(leaf)[None], result), dt)
     on_cpu = jax.default_backend() == "cpu"
     threads = cores() if on_cpu else 1
     most = SMALLEST_BATCH if on_cpu and _is_sparing(controller) else -(-number // threads)
@@ -215,11 +188,13 @@ def _run_compiled(
                 progress(min(len(results) * size, number), number)
     finally:  # an interrupt must not wait for the parts that still run
         pool.shutdown(wait=False, cancel_futures=True)
-    return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:number], *results)
+    return _batch(jax.tree.map(lambda *leaves: np.concatenate(leaves)[:number], *results), dt)
 
 
-def _not_finite(step: int, dt: float) -> str:
-    return f"it gave a torque that is not finite at t = {step * dt:g} s: correct it there"
+def _batch(result: _Result, dt: float) -> SimulatedBatch:
+    end, rows = result
+    what = "it gave a torque that is not finite at t = {:g} s: correct it there"
+    return SimulatedBatch(np.asarray(end.final), [None if k < 0 else what.format(k * dt) for k in end.fault], rows)
 
 
 def _is_sparing(controller: AbstractController[Any]) -> bool:
@@ -236,8 +211,8 @@ def _run_plain(
     depth: int,
     keep: bool,
     progress: Progress | None,
-) -> list[HostRun]:
-    number, runs = _length(scenarios), list[HostRun]()
+) -> SimulatedBatch:
+    number, runs = _length(scenarios), list[SimulatedBatch]()
     copies = controller.copies(min(SIDE_BY_SIDE, number))
 
     def timed(step: float, call: float) -> None:
@@ -251,4 +226,6 @@ def _run_plain(
             )
         if progress is not None:
             progress(min(start + len(copies), number), number)
-    return runs
+    rows = jax.tree.map(lambda *parts: np.concatenate(parts), *[run.trajectory for run in runs]) if keep else None
+    faults = [fault for run in runs for fault in run.faults]
+    return SimulatedBatch(np.concatenate([run.final for run in runs]), faults, rows, runs[0].call_time)

@@ -11,7 +11,7 @@ from ..plant.robots import Robot, get_robot
 from .board import AbstractBoard, Case, Setting
 from .boards import BOARDS, get_board
 from .plausibility import examine
-from .recording import checked_rows
+from .recording import scorable_rows
 from .result import Result
 from .rollout import Scenario, Trajectory
 
@@ -51,9 +51,8 @@ def score(
         found = LEADERBOARD if board.domain is None else load_domain(board.domain).design
     else:
         found = load_plant(plant)
-    time, x, u = checked_rows(trajectory)
-    setting = Setting(robot, found)
-    run = board.on(setting).score(Case(Scenario(setting.nominal)), Trajectory(time, x, u))
+    rows, setting = scorable_rows(trajectory), Setting(robot, found)
+    run = board.on(setting).score(Case(Scenario(setting.nominal)), Trajectory(*rows))
     # The criteria of one run, also where the board itself shows those of many.
     values = replace(board, domain=None).summarise((run,), ())[0]
     findings = examine(trajectory, robot, board, found)
@@ -70,6 +69,6 @@ def score(
         runs=(run,),
         trajectory=trajectory,
         plant=found,
-        rate=float(1 / np.median(np.diff(time))),
+        rate=float(1 / np.median(np.diff(rows.time))),
         warnings=tuple(f"{each.name}: {each.text}" for each in findings),
     )

@@ -1,7 +1,5 @@
 """Seeds of a judgement: how many, and which."""
 
-from collections.abc import Iterator, Sequence
-
 from ..common.checks import whole_number
 
 LARGEST_SEED = 2**31 - 1
@@ -18,9 +16,3 @@ def check_seeds(seed: int, seeds: int) -> range:
     """
     first = whole_number("seed", seed, 0, LARGEST_SEED)
     return range(first, first + whole_number("seeds", seeds, 1, MOST_SEEDS))
-
-
-def in_groups(seeds: Sequence[int], size: int) -> Iterator[Sequence[int]]:
-    """The seeds in groups of at most ``size``, whose trajectories fit into memory together."""
-    for start in range(0, len(seeds), size):
-        yield seeds[start : start + size]

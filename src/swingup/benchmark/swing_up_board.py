@@ -48,11 +48,6 @@ class SwingUpBoard(AbstractBoard):
         """The criteria of one swing-up in a perfect loop; successes and scores of several on a robot."""
         return PERFORMANCE if self.domain is None else ("swingups", "best", "score")
 
-    @property
-    def keeps_rows(self) -> bool:
-        """Scores need all rows."""
-        return True
-
     def is_random(self, setting: Setting) -> bool:
         """A perfect loop has nothing random."""
         return setting.domain is not None or setting.disturbance is not None

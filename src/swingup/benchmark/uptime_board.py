@@ -60,11 +60,6 @@ class UptimeBoard(AbstractBoard):
         """The mean share of time; of several runs on a robot the best one as well."""
         return ("score",) if self.domain is None else ("best", "score")
 
-    @property
-    def keeps_rows(self) -> bool:
-        """Time is counted row by row."""
-        return True
-
     def is_random(self, setting: Setting) -> bool:
         """Throws depend on the seed."""
         return True

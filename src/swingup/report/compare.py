@@ -23,7 +23,8 @@ from ..identification.open_loop import OpenLoop, predict_log, predicted_curves
 from ..loop.domain import Domain
 from ..loop.draw import draw
 from ..loop.on_plant import loop_around
-from ..plant.robots import ROBOTS, Robot, get_robot
+from ..plant.robots import Robot, get_robot
+from .inputs import driven_robot
 
 MOST_PLANTS = 4
 """So many colours can be told apart."""
@@ -31,8 +32,6 @@ DRAWN_LENGTH = 0.5
 """Length of the predictions that are drawn (s)."""
 LONGEST_RUN = 120.0
 """Longest simulated run (s)."""
-DOMINANT = 3.0
-"""A joint whose largest torque is this many times the other's is the driven one."""
 HANGING = 0.2
 """Largest angle (rad) of a start that counts as hanging."""
 
@@ -116,7 +115,7 @@ def compare(
     doubts = check_columns(recording, integration_of(first), vector_of(first), force=True)
     recording = replace(recording, warnings=(*recording.warnings, *doubts))
     if controller is not None:
-        driven = driven_robot(recording) if robot is None else get_robot(robot)
+        driven = driven_robot(recording.name, recording.u) if robot is None else get_robot(robot)
         for name, domain in plants.items():
             around = loop_around(domain, loop)
             found = get_controller(controller, driven, plant=designs_for(controller, domain.nominal_plant))
@@ -125,20 +124,6 @@ def compare(
     windows = cut_windows(recording, DRAWN_LENGTH, stride=DRAWN_LENGTH, least_speed=0.0)
     drawn = [predicted_curves(each.setting, each.model, windows) for each in predictions]
     return Comparison(recording, predictions, drawn, runs)
-
-
-def driven_robot(recording: Recording) -> Robot:
-    """The robot of a log: its joint with torque, or with most of it where friction of the other is compensated.
-
-    Raises:
-        SwingupError: the log has no torque, or both joints have much.
-    """
-    size = np.abs(recording.u).max(axis=0)
-    joint = int(size.argmax())
-    if size[joint] == 0.0 or size[joint] < DOMINANT * size[1 - joint]:
-        seen = "has no torque" if size[joint] == 0.0 else "drives both joints"
-        raise SwingupError(f"{recording.name} {seen}: say --robot acrobot or pendubot for the closed loop")
-    return next(robot for robot in ROBOTS.values() if robot.joint == joint)
 
 
 def close_loop(

@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 
 from ..benchmark.columns import COLUMNS
+from ..benchmark.criteria import tip_heights
+from ..benchmark.recording import Rows, checked_rows
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import CRITERIA
 from ..benchmark.score import score
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..plant.robots import Robot, get_robot
 from .figure import BARS, DOTS, LINE, PALE_BARS, RING, STAR, THIN, Curve, Figure, Mark, Panel
-from .inputs import CURVE_KEYS, RESETS_KEY, Rows, check_curve, check_robustness, check_trajectory, require_some
+from .inputs import CURVE_KEYS, RESETS_KEY, check_curve, check_robustness, require_some
 
 TIME = "time (s)"
 LINKS = ("link-1", "link-2")
@@ -42,7 +44,7 @@ def trajectory_figure(
     robot, found = get_robot(robot), load_plant(plant)
     columns = []
     for name, given in trajectories.items():
-        rows = check_trajectory(name, given)
+        rows = checked_rows(given, name)
         # Rows that cannot be physics are drawn all the same: only a score needs more.
         up = score(given, robot, plant=plant, force=True).criteria.swingup_time
         title = name if up is None else f"{name}, up at {up:.2f} s"
@@ -63,11 +65,14 @@ def motion_panels(
         title: of the positions' panel.
         others: trajectories of which only the tip is drawn, in grey.
     """
-    heights = [Curve("other controllers", rows.time, tip_heights(rows.x, plant), "base", THIN) for rows in others]
+    lengths = plant.l1, plant.l2
+    heights = [
+        Curve("other controllers", rows.time, tip_heights(rows.x, *lengths), "base", THIN) for rows in others
+    ]
     positions, velocities, torques = [], [], []
     for number, (run, rows) in enumerate(runs.items()):
         end, look, q = f", {run}" if run else "", THIN if number else LINE, unwrapped(rows.x)
-        heights.append(Curve(f"tip{end}", rows.time, tip_heights(rows.x, plant), LINKS[1], look))
+        heights.append(Curve(f"tip{end}", rows.time, tip_heights(rows.x, *lengths), LINKS[1], look))
         for joint, colour in enumerate(LINKS):
             positions.append(Curve(f"q{joint + 1}{end}", rows.time, q[:, joint], colour, look))
             velocities.append(Curve(f"dq{joint + 1}{end}", rows.time, rows.x[:, 2 + joint], colour, look))
@@ -76,7 +81,7 @@ def motion_panels(
             if joint == robot.joint or rows.u[:, joint].any():
                 torques.append(Curve(f"u{joint + 1}{end}", rows.time, rows.u[:, joint], colour, look, steps=True))
     first = next(iter(runs.values()))
-    limit, reach = plant.limit(robot.joint), plant.l1 + plant.l2
+    limit, reach = plant.limit(robot.joint), sum(lengths)
     ends = (
         float(first.time[0]),
         float(2 * first.time[-1] - first.time[-2]),
@@ -113,7 +118,7 @@ def phase_figure(
     """
     require_some(trajectories, "trajectory")
     robot, panels = get_robot(robot), []
-    checked = {name: check_trajectory(name, given) for name, given in trajectories.items()}
+    checked = {name: checked_rows(given, name) for name, given in trajectories.items()}
     for joint, place in enumerate(("shoulder", "elbow")):
         lines, ends = [], []
         for k, (name, rows) in enumerate(checked.items()):
@@ -141,11 +146,6 @@ def upright_near(q: np.ndarray) -> np.ndarray:
     """The upright angles (2,) nearest to some angles (2,) (rad)."""
     upright = np.array([np.pi, 0.0])
     return upright + 2 * np.pi * np.round((q - upright) / (2 * np.pi))
-
-
-def tip_heights(x: np.ndarray, plant: Plant) -> np.ndarray:
-    """Height of the tip over the shoulder (m) of states (N, 4)."""
-    return -plant.l1 * np.cos(x[:, 0]) - plant.l2 * np.cos(x[:, 0] + x[:, 1])
 
 
 def robustness_figure(results: Mapping[str, Mapping[str, Any]], pale: Sequence[str] = ()) -> Figure:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..benchmark.recording import checked_rows
 from ..benchmark.rollout import Trajectory
 from ..common.checks import finite_number, positive_number, whole_number
 from ..common.errors import SwingupError
@@ -15,7 +16,7 @@ from ..common.files import write_atomically
 from ..drawing import BASE, DRIVEN, GREEN, GUIDE, LINK_1, LINK_2, PAPER, draw_frame
 from ..plant.plant import LEADERBOARD, PlantLike, load_plant
 from ..plant.robots import Robot, get_robot
-from .inputs import check_suffix, check_trajectory
+from .inputs import check_suffix
 
 FPS = 25.0
 SIZE = 320
@@ -57,7 +58,7 @@ def animate(
     suffix = check_suffix(path, FILM_FORMATS)
     if not motions:
         raise SwingupError("nothing to draw: give at least one trajectory")
-    shown = [(check_trajectory("the trajectory", rows), get_robot(robot)) for rows, robot in motions]
+    shown = [(checked_rows(rows), get_robot(robot)) for rows, robot in motions]
     fps = finite_number("fps", fps, 1, FASTEST, "frames a second")
     size, speed = whole_number("size (pixels)", size, *SIZES), positive_number("speed", speed)
     duration = max(float(rows.time[-1] - rows.time[0]) for rows, _ in shown) / speed

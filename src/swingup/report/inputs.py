@@ -5,11 +5,11 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import CRITERIA
 from ..common.checks import finite_number, whole_number
 from ..common.errors import SwingupError
@@ -27,18 +27,13 @@ RESETS_KEY = "termination_rate"
 LARGEST_DRAWN = 1e15
 """No count or score is larger; matplotlib's axes cannot show numbers near the largest of floating point."""
 
+DOMINANT = 3.0
+"""A joint whose largest torque is this many times the other's is the driven one."""
+
 LARGEST_RESULT = 1_000_000
 """Most bytes of a file with a robustness score; the command writes about a thousand."""
 
 ROBUSTNESS_REMEDY = "write it with swingup evaluate --board robustness --json"
-
-
-class Rows(NamedTuple):
-    """A trajectory that can be drawn: time (N,), x (N, 4) and u (N, 2), in s, rad, rad/s and N m."""
-
-    time: np.ndarray
-    x: np.ndarray
-    u: np.ndarray
 
 
 def check_suffix(path: str | Path, known: Sequence[str]) -> str:
@@ -53,43 +48,28 @@ def check_suffix(path: str | Path, known: Sequence[str]) -> str:
     return suffix
 
 
-def check_trajectory(name: str, trajectory: Trajectory | Rows) -> Rows:
-    """A trajectory in float64.
-
-    Raises:
-        SwingupError: the shapes do not fit, there are fewer than three rows, a value is not finite or the time does
-            not increase.
-    """
-    time, x, u = (np.asarray(part, np.float64) for part in (trajectory.time, trajectory.x, trajectory.u))
-    if time.size < 3 or time.shape != (time.size,) or x.shape != (time.size, 4) or u.shape != (time.size, 2):
-        shapes = f"{time.shape}, {x.shape} and {u.shape}"
-        raise SwingupError(
-            f"{name}: time, x and u have shapes {shapes}: pass (N,), (N, 4) and (N, 2), N of 3 or more"
-        )
-    if not all(np.isfinite(part).all() for part in (time, x, u)):
-        raise SwingupError(f"{name} holds values that are not finite: cut it before the first of them")
-    if np.any(np.diff(time) <= 0):
-        raise SwingupError(f"{name}: its time does not increase: give one run, its rows in order")
-    return Rows(time, x, u)
-
-
 def require_some(given: Mapping[str, Any], what: str) -> None:
     """Refuse an empty mapping of things to draw."""
     if not given:
         raise SwingupError(f"nothing to draw: give at least one {what}")
 
 
-def infer_robot(name: str | Path, trajectory: Trajectory) -> Robot:
-    """The robot whose driven joint is the only one with torque.
+def driven_robot(name: str | Path, u: ArrayLike) -> Robot:
+    """The robot whose joint has torque, or most of it where the friction of the other joint is compensated.
+
+    Args:
+        name: of the recording, in messages.
+        u: its torques (N m), shape (rows, 2).
 
     Raises:
-        SwingupError: both joints have torque, or neither has.
+        SwingupError: there is no torque, or both joints have much.
     """
-    driven = np.any(np.asarray(trajectory.u) != 0, axis=0)
-    if driven.sum() != 1:
-        joints = "both joints" if driven.any() else "neither joint"
-        raise SwingupError(f"{name} has torque on {joints}: name the robot, {' or '.join(ROBOTS)}")
-    return next(robot for robot in ROBOTS.values() if driven[robot.joint])
+    size = np.abs(u).max(axis=0)
+    joint = int(size.argmax())
+    if size[joint] == 0.0 or size[joint] < DOMINANT * size[1 - joint]:
+        seen = "has no torque" if size[joint] == 0.0 else "drives both joints"
+        raise SwingupError(f"{name} {seen}: name the robot with --robot {' or '.join(ROBOTS)}")
+    return next(robot for robot in ROBOTS.values() if robot.joint == joint)
 
 
 def read_robustness(path: str | Path) -> dict[str, Any]:

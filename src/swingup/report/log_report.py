@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..benchmark.recording import Rows
 from ..benchmark.result import Result
 from ..benchmark.rollout import Trajectory
 from ..identification.fit.prediction import INDEX
@@ -26,7 +27,6 @@ from ..plant.robots import get_robot
 from .compare import ClosedLoop, Comparison, top_speed
 from .figure import DASHED, DOTS, LINE, THIN, Curve, Figure, Panel
 from .figures import TIME
-from .inputs import Rows
 
 PERIOD = 0.01
 """Between drawn rows (s)."""

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..benchmark.columns import COLUMNS
 from ..benchmark.leaderboard import OURS
+from ..benchmark.recording import Rows, checked_rows
 from ..benchmark.rules import CRITERIA
 from ..common.errors import SwingupError
 from ..common.text import one_line
@@ -24,7 +25,6 @@ from ..plant.plant import LEADERBOARD, NAMES
 from ..plant.robots import get_robot
 from .figure import Figure, PageData
 from .figures import LINKS, motion_panels, phase_figure, robustness_figure
-from .inputs import Rows, check_trajectory
 from .log_report import LogReport
 from .make import Section, Show
 
@@ -144,7 +144,7 @@ def _drawable(show: Show) -> dict[str, Rows]:
         rows = min(int(bad[0, 0]) if len(bad) else len(part) for bad, part in zip(broken, parts, strict=True))
         if rows >= 3 or len({len(part) for part in parts}) > 1:
             cut = Rows(*(part[:rows] for part in parts))
-            runs[run] = check_trajectory(f"trajectory of {one_line(show.name)}", cut)
+            runs[run] = checked_rows(cut, f"trajectory of {one_line(show.name)}")
     return runs
 
 

@@ -13,7 +13,7 @@ from ..plant.robots import Robot, get_robot
 from .draw import FIGURE_FORMATS, draw, render
 from .figures import curves_figure, phase_figure, robustness_figure, trajectory_figure
 from .film import FILM_FORMATS, FPS, SIZE, animate
-from .inputs import check_suffix, infer_robot, make_labels, read_curve, read_robustness
+from .inputs import check_suffix, driven_robot, make_labels, read_curve, read_robustness
 from .log_report import LogReport
 from .page import render_log_page
 
@@ -78,7 +78,7 @@ def save_plot(
         return
     trajectories = [load_trajectory(file, columns) for file in files]
     pairs = zip(files, trajectories, strict=True)
-    robots = [infer_robot(*pair) if robot is None else get_robot(robot) for pair in pairs]
+    robots = [driven_robot(file, rows.u) if robot is None else get_robot(robot) for file, rows in pairs]
     if kind == "animation":
         animate(list(zip(trajectories, robots, strict=True)), out, fps, size, speed, plant)
         return

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ..areapo.config import check_hyperparameter, check_value, config_from_dict, format_value, parse_value
-from ..benchmark.interval import bootstrap_interval, interquartile_mean
+from ..benchmark.comparison import bootstrap_interval, interquartile_mean
 from ..common.checks import is_number, whole_number
 from ..common.errors import SwingupError
 from ..common.text import one_line
@@ -191,7 +191,8 @@ def summarise(jobs: Sequence[Job], rows: Sequence[Row]) -> list[dict[str, Any]]:
         mine = [row for job, row in zip(jobs, rows, strict=True) if job.variant == variant]
         good = [row for row in mine if is_number(row.get("score"))]
         counts = {"variant": variant, "runs": len(good), "failed": len(mine) - len(good)}
-        interval = bootstrap_interval([row["score"] for row in good]) if good else (math.nan, math.nan)
+        scores = [row["score"] for row in good]
+        interval = bootstrap_interval(interquartile_mean, scores).tolist() if good else [math.nan, math.nan]
         means = {name: _middle(good, name) for name in ("best_score", REWARD_RATE, RESETS)}
         table.append(counts | {"score": _middle(good, "score"), "interval": interval} | means)
     return table
@@ -228,4 +229,4 @@ def _open(folder: RunFolder, settings: RunSettings, frames: int) -> Run:
 def _middle(rows: Sequence[Row], name: str) -> float:
     # A mean of the runs that have the value would hide the others.
     values = [row[name] for row in rows if is_number(row.get(name))]
-    return interquartile_mean(values) if values and len(values) == len(rows) else math.nan
+    return float(interquartile_mean(values)) if values and len(values) == len(rows) else math.nan

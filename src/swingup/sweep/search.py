@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..areapo.config import Config, format_value, parse_value
-from ..benchmark.interval import interquartile_mean
+from ..benchmark.comparison import interquartile_mean
 from ..common.arrays import write_json
 from ..common.checks import is_number, whole_number
 from ..common.errors import SwingupError
@@ -172,7 +172,7 @@ def train_trial(plan: SearchPlan, trial: "Trial") -> float:
         # The end of a run is no reason to cut it short.
         if rung not in reported and 0 < tenth < RUNGS and is_number(row["score"]):
             reported.add(rung)
-            trial.report(interquartile_mean([*scores, row["score"]]), rung)
+            trial.report(float(interquartile_mean([*scores, row["score"]])), rung)
             if trial.should_prune():
                 raise TrialPruned
 
@@ -185,7 +185,7 @@ def train_trial(plan: SearchPlan, trial: "Trial") -> float:
     trial.set_user_attr("command", settings.command(plan.frames))
     for job in jobs:
         scores.append(train_one(job, report)["score"])
-    return interquartile_mean(scores)
+    return float(interquartile_mean(scores))
 
 
 def _run_trials(
