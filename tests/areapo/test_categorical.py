@@ -7,8 +7,8 @@ import pytest
 
 from array_files import change_file
 from policies import load_any_policy
-from swingup.areapo.distributions import Categoricals
-from swingup.areapo.networks import init_policy
+from swingup.areapo.initial import init_policy
+from swingup.areapo.networks import Categoricals
 from swingup.common.errors import SwingupError
 from swingup.controllers.stack.policy import Policy, save_policy
 from swingup.tasks.observation import NormaliseStage

@@ -3,8 +3,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.areapo.distributions import SquashedGaussian
-from swingup.areapo.networks import init_actor
+from swingup.areapo.initial import init_actor
+from swingup.areapo.networks import SquashedGaussian
 
 
 def density(distribution, actions):

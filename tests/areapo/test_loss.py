@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from swingup.areapo import algorithm
-from swingup.areapo.average import standardise
 from swingup.areapo.config import Config
-from swingup.areapo.networks import init_actor, init_critic
+from swingup.areapo.initial import init_actor, init_critic
 from swingup.areapo.state import Frames
+from swingup.areapo.statistics import standardise
 
 # One program each costs less than compiling operation by operation.
 loss, gradient = jax.jit(algorithm.loss), jax.jit(jax.grad(algorithm.loss, has_aux=True))

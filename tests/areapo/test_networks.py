@@ -3,11 +3,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.areapo import networks
+from swingup.areapo import initial
 
 # One program each costs less than compiling operation by operation.
-init_actor = jax.jit(networks.init_actor, static_argnums=(1, 2, 3))
-init_critic = jax.jit(networks.init_critic, static_argnums=(1, 2))
+init_actor = jax.jit(initial.init_actor, static_argnums=(1, 2, 3))
+init_critic = jax.jit(initial.init_critic, static_argnums=(1, 2))
 
 
 def test_actor_starts_near_zero_with_the_given_deviation():
@@ -41,7 +41,7 @@ def test_weights_are_orthogonal():
 
 
 def test_a_deviation_that_does_not_depend_on_the_state():
-    actor = jax.jit(lambda key: networks.init_actor(key, 4, 2, (8,), -0.5, state_dependent_std=False))(
+    actor = jax.jit(lambda key: initial.init_actor(key, 4, 2, (8,), -0.5, state_dependent_std=False))(
         jax.random.key(0)
     )
     observations = 3.0 * jax.random.normal(jax.random.key(1), (4, 50))

@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.areapo.normalise import RunningStatistics, running_statistics
+from swingup.areapo.statistics import RunningStatistics, running_statistics
 from swingup.tasks.observation import NormaliseStage
 
 

@@ -6,8 +6,8 @@ import pytest
 
 from swingup.areapo import algorithm
 from swingup.areapo.config import Config
-from swingup.areapo.reset_cost import COST_STEP, TERMINATION_TARGET, adapted_cost, charge_resets
 from swingup.areapo.state import Rollout
+from swingup.areapo.terminations import COST_STEP, TERMINATION_TARGET, adapted_cost, charge_resets
 
 from .probes import Trap
 

@@ -11,9 +11,9 @@ import pytest
 from swingup.areapo import algorithm
 from swingup.areapo.config import Config
 from swingup.areapo.networks import Critic, Linear
-from swingup.areapo.normalise import RunningStatistics, running_statistics
 from swingup.areapo.reward_scale import deviation, fading_sums, reward_unit, scale_rewards
 from swingup.areapo.state import Rollout
+from swingup.areapo.statistics import RunningStatistics, running_statistics
 
 from .probes import Walk
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import pytest
 
 from swingup.areapo.config import Config
-from swingup.areapo.schedule import scheduled
+from swingup.areapo.optimisation import scheduled
 
 CONFIG = Config(
     num_envs=8, num_steps=125, batch_size=1000, learning_rate=1e-3, clip_range=0.2, temperature=2.0,

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from swingup.areapo import shuffle
+from swingup.areapo import optimisation as shuffle
 
 # With so few random bits wanted frames' numbers share a word with them; with so many they do not.
 LEAST = {"tagged": shuffle.LEAST_RANDOM, "sorted by bits": shuffle.WORD + 1}

@@ -10,10 +10,9 @@ import pytest
 
 from swingup.areapo import algorithm
 from swingup.areapo.algorithm import loss
-from swingup.areapo.bootstrap import BOOTSTRAP_SIZE
 from swingup.areapo.config import Config, config_from_dict
 from swingup.areapo.initial import init_learner
-from swingup.areapo.reset_cost import charge_resets
+from swingup.areapo.terminations import BOOTSTRAP_SIZE, charge_resets
 from swingup.plant.robots import ROBOTS
 from swingup.tasks.presets import smooth_task
 from swingup.tasks.task import Spaces

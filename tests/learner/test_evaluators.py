@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from swingup.areapo.networks import init_actor
+from swingup.areapo.initial import init_actor
 from swingup.controllers.stack.policy import Policy
 from swingup.learner.evaluators import SwingUpEvaluator
 from swingup.plant.plant import LEADERBOARD, load_plant

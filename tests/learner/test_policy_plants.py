@@ -4,7 +4,7 @@ import jax
 import pytest
 
 from policies import lone_policy
-from swingup.areapo.networks import init_actor
+from swingup.areapo.initial import init_actor
 from swingup.controllers.stack.policy import Policy
 from swingup.learner.evaluators import SwingUpEvaluator
 from swingup.plant.plant import LEADERBOARD, load_plant

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swingup.areapo.networks import init_actor
+from swingup.areapo.initial import init_actor
 from swingup.controllers.stack.controller import PolicyController, make_controller, policy_of
 from swingup.controllers.stack.policy import Policy
 from swingup.dynamics.integrate import rk4_step

@@ -10,7 +10,7 @@ import pytest
 from array_files import change_file, write_file
 from policies import load_any_policy, lone_policy
 from refusals import refusal
-from swingup.areapo.networks import init_actor
+from swingup.areapo.initial import init_actor
 from swingup.controllers.stack.controller import make_controller, policy_of, save_controller
 from swingup.controllers.stack.policy import Policy, network_of, save_policy
 from swingup.export.c_backend.header import c_header

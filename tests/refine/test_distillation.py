@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from policies import lone_policy
-from swingup.areapo.networks import init_actor
+from swingup.areapo.initial import init_actor
 from swingup.benchmark.boards import ROBUSTNESS
 from swingup.benchmark.grid import make_cases
 from swingup.controllers.baselines.continuation import nominal_swingups

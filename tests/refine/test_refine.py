@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from policies import lone_policy
-from swingup.areapo.networks import init_actor
+from swingup.areapo.initial import init_actor
 from swingup.benchmark.boards import PERFORMANCE
 from swingup.benchmark.judge import judge
 from swingup.benchmark.rollout import Trajectory

@@ -15,18 +15,16 @@ from jaxtyping import Array, Bool, Float
 
 from ..common.types import Count, Key, Scalar
 from ..tasks.task import AbstractTask
-from .average import mean, pair_mean, standardise
-from .bootstrap import values_after
 from .config import Config
-from .initial import begin_episodes, init_learner, make_optimiser
-from .keys import COLLECT, IMPROVE, NEXT, RolloutKeys, rollout_keys
+from .initial import begin_episodes, init_learner
+from .keys import COLLECT, IMPROVE, NEXT
 from .metrics import LossMetrics, Metrics, make_metrics
 from .networks import AbstractActor, Critic, sample_actions
-from .reset_cost import charge_resets
+from .optimisation import adapted_step, make_optimiser, scheduled, shuffled
 from .reward_scale import scale_rewards
-from .schedule import scheduled
-from .shuffle import shuffled
-from .state import Frames, LearnerState, Rollout, reset_ended
+from .state import Frames, LearnerState, Rollout, RolloutKeys, reset_ended, rollout_keys
+from .statistics import mean, pair_mean, standardise
+from .terminations import charge_resets, values_after
 
 Task = AbstractTask[Any]
 Pair = Float[Array, "2"]
@@ -176,16 +174,6 @@ def improve(state: LearnerState, frames: Frames, config: Config) -> tuple[Learne
     if config.target_kl:
         state = replace(state, step_scale=adapted_step(state.step_scale, losses.approximate_kl, config.target_kl))
     return replace(state, actor=actor, critic=critic, optimiser=optimiser_state), losses, gradient_norm
-
-
-def adapted_step(scale: Scalar, divergence: Scalar, target: float) -> Scalar:
-    """The learning rate's factor after a rollout: at most 1.5 times as large or small, and within 0.1 and 10.
-
-    Without bounds it would grow for ever where a policy is done and moves no more.
-    """
-    # The divergence grows as the square of the step.
-    change = jnp.clip(jnp.sqrt(target / jnp.maximum(divergence, 1e-12)), 1 / 1.5, 1.5)
-    return jnp.clip(scale * change, 0.1, 10.0)
 
 
 def loss(networks: tuple[AbstractActor, Critic], frames: Frames, config: Config) -> tuple[Scalar, LossMetrics]:

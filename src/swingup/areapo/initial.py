@@ -1,22 +1,20 @@
-"""The learner's state before its first iteration, and at the start of new episodes; its optimiser."""
+"""The learner's state before its first iteration, its networks, and the start of new episodes."""
 
 import dataclasses
 import math
 
 import jax
 import jax.numpy as jnp
-import optax
 from jaxtyping import Array, Float
 
-from ..common.types import Key, Scalar
+from ..common.types import Key
+from ..policy.network.layers import RELU, Activation
 from ..tasks.task import Spaces
 from .config import Config
-from .networks import init_critic, init_policy
-from .normalise import running_statistics
+from .networks import AbstractActor, Actor, CategoricalActor, Critic, Linear
+from .optimisation import make_optimiser
 from .state import LearnerState
-
-ADAM_EPSILON = 1e-5
-"""Adam's ε (authors' code)."""
+from .statistics import running_statistics
 
 
 def init_learner(key: Key, spaces: Spaces, config: Config) -> LearnerState:
@@ -53,10 +51,70 @@ def begin_episodes(state: LearnerState, observations: Float[Array, "envs n"]) ->
     return dataclasses.replace(state, statistics=statistics, observations=statistics.stage()(observations))
 
 
-def make_optimiser(config: Config, scale: Scalar | float = 1.0) -> optax.GradientTransformation:
-    """One Adam for both networks, with ``scale`` times the learning rate; clips the gradients' joint norm first."""
-    return optax.chain(
-        optax.clip_by_global_norm(config.max_grad_norm),
-        optax.scale_by_adam(eps=ADAM_EPSILON),
-        optax.scale(-config.learning_rate * scale),
+def init_policy(
+    key: Key,
+    spaces: Spaces,
+    layers: tuple[int, ...],
+    log_std_init: float,
+    activation: Activation = RELU,
+    state_dependent_std: bool = True,
+) -> AbstractActor:
+    """An actor for these spaces; a policy of discrete actions starts almost uniform."""
+    if not spaces.choices:
+        sizes = spaces.observation_size, spaces.action_size
+        return init_actor(key, *sizes, layers, log_std_init, activation, state_dependent_std)
+    trunk_key, head_key = jax.random.split(key)
+    outputs = sum(spaces.choices)
+    return CategoricalActor(
+        trunk=_init_trunk(trunk_key, spaces.observation_size, layers),
+        activation=activation,
+        logits_head=_init_linear(head_key, layers[-1], outputs, 0.01),
+        choices=spaces.choices,
     )
+
+
+def init_actor(
+    key: Key,
+    observation_size: int,
+    action_size: int,
+    layers: tuple[int, ...],
+    log_std_init: float,
+    activation: Activation = RELU,
+    state_dependent_std: bool = True,
+) -> Actor:
+    """An actor whose mean starts near 0 and whose σ starts at exp(log_std_init)."""
+    trunk_key, mean_key, std_key = jax.random.split(key, 3)
+    # The inverse of softplus, so that log softplus(std_bias) = log_std_init.
+    std_bias = jnp.log(jnp.expm1(jnp.exp(log_std_init)))
+    # Normal weights instead of orthogonal ones, as in the authors' code.
+    std_scale = 0.01 if state_dependent_std else 0.0
+    std_weight = std_scale * jax.random.normal(std_key, (action_size, layers[-1]))
+    return Actor(
+        trunk=_init_trunk(trunk_key, observation_size, layers),
+        activation=activation,
+        mean_head=_init_linear(mean_key, layers[-1], action_size, 0.01),
+        std_head=Linear(std_weight, jnp.zeros(action_size) + std_bias),
+        state_dependent_std=state_dependent_std,
+    )
+
+
+def init_critic(key: Key, observation_size: int, layers: tuple[int, ...], activation: Activation = RELU) -> Critic:
+    """A critic with orthogonal weights (one by one for the two heads) and zero biases."""
+    trunk_key, *head_keys = jax.random.split(key, 3)
+    # Two heads, as in the authors' code: a joint matrix would make their rows orthogonal to each other.
+    rows = [_init_linear(head_key, layers[-1], 1, 1.0).weight for head_key in head_keys]
+    heads = Linear(jnp.concatenate(rows), jnp.zeros(2))
+    return Critic(_init_trunk(trunk_key, observation_size, layers), heads, activation)
+
+
+def _init_trunk(key: Key, observation_size: int, layers: tuple[int, ...]) -> tuple[Linear, ...]:
+    sizes, keys = (observation_size, *layers), jax.random.split(key, len(layers))
+    # A gain of √2, since ReLU drops half of the signal; the authors have it, too. Stable-Baselines3 and CleanRL
+    # have it with tanh as well.
+    return tuple(_init_linear(*each, 2.0**0.5) for each in zip(keys, sizes[:-1], sizes[1:], strict=True))
+
+
+def _init_linear(key: Key, size_in: int, size_out: int, scale: float) -> Linear:
+    """A layer whose rows or columns are orthogonal, of norm ``scale``, and whose biases are 0."""
+    weight = jax.nn.initializers.orthogonal(scale)(key, (size_out, size_in))
+    return Linear(weight, jnp.zeros(size_out))

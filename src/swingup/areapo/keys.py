@@ -4,7 +4,6 @@
 """
 
 from enum import IntEnum
-from typing import NamedTuple
 
 import jax
 
@@ -23,24 +22,6 @@ class Purpose(IntEnum):
     FAULT_SEARCH = 3
 
 
-class RolloutKeys(NamedTuple):
-    """The keys of a compiled rollout; scanned, those of one step."""
-
-    sample: Key
-    """One a step: all environments draw their actions together."""
-    step: Key
-    """One for each environment at each step."""
-    reset: Key
-    """One for each environment at each step."""
-
-
 def root_key(seed: int, purpose: Purpose) -> Key:
     """The key from which all randomness of a consumer follows."""
     return jax.random.fold_in(jax.random.key(seed), purpose)
-
-
-def rollout_keys(key: Key, steps: int, envs: int) -> RolloutKeys:
-    """The keys of a compiled rollout, split at once: in the loop over the steps each split costs as much."""
-    sample, step, reset = jax.random.split(key, 3)
-    each = (steps, envs)
-    return RolloutKeys(jax.random.split(sample, steps), jax.random.split(step, each), jax.random.split(reset, each))

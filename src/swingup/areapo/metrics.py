@@ -7,9 +7,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..common.types import Scalar
-from .average import mean
 from .reward_scale import reward_unit
 from .state import LearnerState, Rollout, termination_rate
+from .statistics import mean
 
 
 class LossMetrics(eqx.Module):

@@ -1,11 +1,15 @@
-"""The actor's and the critic's networks: separate hidden layers, orthogonal initialisation.
+"""The actor's and the critic's networks, with separate hidden layers, and the distributions of the actor's actions.
 
-They take one observation, or a batch whose axis comes last. With the features first, all matrix products of an
+A sample is kept as a *latent*, the form in which its probability is exact: recovering a Gaussian's sample with
+atanh loses precision near saturation.
+
+Networks take one observation, or a batch whose axis comes last. With the features first, all matrix products of an
 update have a form for which XLA has a fast CPU kernel. ``vmap`` does not reach that form and is a tenth slower.
 """
 
 import abc
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import equinox as eqx
@@ -16,8 +20,6 @@ from jaxtyping import Array, Float, Int, Shaped
 from ..common.errors import SwingupError
 from ..common.types import Key
 from ..policy.network.layers import RELU, SUM_GROUP, Activation
-from ..tasks.task import Spaces
-from .distributions import AbstractDistribution, Categoricals, SquashedGaussian
 
 LOG_STD_RANGE = (-20.0, 2.0)
 """Range to which log σ is clamped (authors' code)."""
@@ -29,6 +31,90 @@ ACTIVATIONS: dict[Activation, Callable[[Array], Array]] = {
     "gelu": jax.nn.gelu,
 }
 """By their names in policy files; ``gelu`` is the approximation by tanh, which needs no error function."""
+
+
+_LOG_2 = math.log(2.0)
+_LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
+
+
+class AbstractDistribution(eqx.Module):
+    """π(·|s) over m entries, independent given the state."""
+
+    @abc.abstractmethod
+    def sample(self, noise: Float[Array, "k *batch"]) -> Shaped[Array, "m *batch"]:
+        """The latent that standard noise gives (:meth:`AbstractActor.noise`)."""
+
+    @abc.abstractmethod
+    def log_prob(self, z: Shaped[Array, "m *batch"]) -> Float[Array, "*batch"]:
+        """Log density (or log probability) of the action of a latent (nats), summed over the entries."""
+
+    @abc.abstractmethod
+    def action(self, z: Shaped[Array, "m *batch"]) -> Shaped[Array, "m *batch"]:
+        """The task's action for a latent."""
+
+
+class SquashedGaussian(AbstractDistribution):
+    """Distribution of a = tanh(z) on [-1, 1], z ~ N(mean, exp(log_std)²), entries independent."""
+
+    mean: Float[Array, "m *batch"]
+    log_std: Float[Array, "m *batch"]
+
+    def sample(self, noise: Float[Array, "m *batch"]) -> Float[Array, "m *batch"]:
+        """z, the action before tanh, for normal noise."""
+        return self.mean + jnp.exp(self.log_std) * noise
+
+    def log_prob(self, z: Float[Array, "m *batch"]) -> Float[Array, "*batch"]:
+        """Log density of a = tanh(z) on [-1, 1]: log N(z) - log(1 - tanh(z)²), summed over the entries."""
+        standardised = (z - self.mean) * jnp.exp(-self.log_std)
+        gaussian = -0.5 * standardised**2 - self.log_std - _LOG_SQRT_2PI
+        # 1 - tanh(z)² = 4 / (e^z + e^-z)², which this form evaluates without cancellation for any z.
+        log_slope = 2.0 * (_LOG_2 - z - jax.nn.softplus(-2.0 * z))
+        return jnp.sum(gaussian - log_slope, axis=0)
+
+    def action(self, z: Float[Array, "m *batch"]) -> Float[Array, "m *batch"]:
+        """The action of a sample."""
+        return jnp.tanh(z)
+
+
+class Categoricals(AbstractDistribution):
+    """Distribution of m actions, the i-th one of 0 … choices[i] - 1; a latent is the action itself."""
+
+    logits: Float[Array, "k *batch"]
+    """Unnormalised log probabilities of all alternatives, one action's after the other's; k = sum(choices)."""
+    # Static, since slices of the logits need sizes that are known when they are compiled.
+    choices: tuple[int, ...] = eqx.field(static=True)
+    """Number of alternatives of each action."""
+
+    def _each(self, values: Float[Array, "k *batch"]) -> Iterator[Float[Array, "n *batch"]]:
+        """The values of each action's alternatives in turn."""
+        start = 0
+        for size in self.choices:
+            yield values[start : start + size]
+            start += size
+
+    def sample(self, noise: Float[Array, "k *batch"]) -> Int[Array, "m *batch"]:
+        """The actions for Gumbel noise: the most probable alternative after its addition (the Gumbel-max trick)."""
+        return self._most(self.logits + noise)
+
+    def _most(self, values: Float[Array, "k *batch"]) -> Int[Array, "m *batch"]:
+        """The alternative of each action with the largest value."""
+        return jnp.stack([jnp.argmax(each, axis=0) for each in self._each(values)])
+
+    def log_prob(self, z: Int[Array, "m *batch"]) -> Float[Array, "*batch"]:
+        """Log probability of actions (nats): the sum of log softmax over the m actions."""
+        chosen = [
+            jnp.take_along_axis(jax.nn.log_softmax(logits, axis=0), index[None], axis=0)[0]
+            for logits, index in zip(self._each(self.logits), z, strict=True)
+        ]
+        return jnp.sum(jnp.stack(chosen), axis=0)
+
+    def action(self, z: Int[Array, "m *batch"]) -> Int[Array, "m *batch"]:
+        """The actions as they are."""
+        return z
+
+    def mode(self) -> Int[Array, "m *batch"]:
+        """The most probable alternative of each action."""
+        return self._most(self.logits)
 
 
 class Linear(eqx.Module):
@@ -182,72 +268,3 @@ def product(weight: Float[Array, "out in"], x: Float[Array, "in *batch"]) -> Flo
 def beside(vector: Float[Array, "n"], x: Float[Array, "n *batch"]) -> Float[Array, "n *ones"]:
     """A vector with an axis of length 1 for each axis of the batch."""
     return vector.reshape(-1, *(1,) * (x.ndim - 1))
-
-
-def init_policy(
-    key: Key,
-    spaces: Spaces,
-    layers: tuple[int, ...],
-    log_std_init: float,
-    activation: Activation = RELU,
-    state_dependent_std: bool = True,
-) -> AbstractActor:
-    """An actor for these spaces; a policy of discrete actions starts almost uniform."""
-    if not spaces.choices:
-        sizes = spaces.observation_size, spaces.action_size
-        return init_actor(key, *sizes, layers, log_std_init, activation, state_dependent_std)
-    trunk_key, head_key = jax.random.split(key)
-    outputs = sum(spaces.choices)
-    return CategoricalActor(
-        trunk=_init_trunk(trunk_key, spaces.observation_size, layers),
-        activation=activation,
-        logits_head=_init_linear(head_key, layers[-1], outputs, 0.01),
-        choices=spaces.choices,
-    )
-
-
-def init_actor(
-    key: Key,
-    observation_size: int,
-    action_size: int,
-    layers: tuple[int, ...],
-    log_std_init: float,
-    activation: Activation = RELU,
-    state_dependent_std: bool = True,
-) -> Actor:
-    """An actor whose mean starts near 0 and whose σ starts at exp(log_std_init)."""
-    trunk_key, mean_key, std_key = jax.random.split(key, 3)
-    # The inverse of softplus, so that log softplus(std_bias) = log_std_init.
-    std_bias = jnp.log(jnp.expm1(jnp.exp(log_std_init)))
-    # Normal weights instead of orthogonal ones, as in the authors' code.
-    std_scale = 0.01 if state_dependent_std else 0.0
-    std_weight = std_scale * jax.random.normal(std_key, (action_size, layers[-1]))
-    return Actor(
-        trunk=_init_trunk(trunk_key, observation_size, layers),
-        activation=activation,
-        mean_head=_init_linear(mean_key, layers[-1], action_size, 0.01),
-        std_head=Linear(std_weight, jnp.zeros(action_size) + std_bias),
-        state_dependent_std=state_dependent_std,
-    )
-
-
-def init_critic(key: Key, observation_size: int, layers: tuple[int, ...], activation: Activation = RELU) -> Critic:
-    """A critic with orthogonal weights (one by one for the two heads) and zero biases."""
-    trunk_key, *head_keys = jax.random.split(key, 3)
-    # Two heads, as in the authors' code: a joint matrix would make their rows orthogonal to each other.
-    rows = [_init_linear(head_key, layers[-1], 1, 1.0).weight for head_key in head_keys]
-    heads = Linear(jnp.concatenate(rows), jnp.zeros(2))
-    return Critic(_init_trunk(trunk_key, observation_size, layers), heads, activation)
-
-
-def _init_trunk(key: Key, observation_size: int, layers: tuple[int, ...]) -> tuple[Linear, ...]:
-    sizes, keys = (observation_size, *layers), jax.random.split(key, len(layers))
-    # A gain of √2, since ReLU drops half of the signal; the authors have it, too. Stable-Baselines3 and CleanRL
-    # have it with tanh as well.
-    return tuple(_init_linear(*each, 2.0**0.5) for each in zip(keys, sizes[:-1], sizes[1:], strict=True))
-
-
-def _init_linear(key: Key, size_in: int, size_out: int, scale: float) -> Linear:
-    """A layer whose rows or columns are orthogonal, of norm ``scale``, and whose biases are 0."""
-    weight = jax.nn.initializers.orthogonal(scale)(key, (size_out, size_in))
-    return Linear(weight, jnp.zeros(size_out))

@@ -16,10 +16,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..common.types import Scalar
-from .average import mean
 from .config import Config
-from .normalise import RunningStatistics
 from .state import LearnerState, Rollout
+from .statistics import RunningStatistics, mean
 
 LEAST_DEVIATION = 1e-5
 """Rewards that vary by less than this share of their mean count as constant: single precision leaves constant ones

@@ -14,8 +14,8 @@ from ..areapo.config import Config
 from ..areapo.keys import COLLECT
 from ..areapo.metrics import Metrics
 from ..areapo.networks import AbstractActor, ActionSample, sample_actions
-from ..areapo.normalise import RunningStatistics
 from ..areapo.state import LearnerState, Rollout
+from ..areapo.statistics import RunningStatistics
 from ..common.fetch import fetch
 from ..common.types import Key
 from .environments import Environments, HostStep

@@ -20,7 +20,8 @@ import numpy as np
 import optax
 from jaxtyping import Array, Float, Int
 
-from ..areapo.networks import Actor, init_actor
+from ..areapo.initial import init_actor
+from ..areapo.networks import Actor
 from ..common.types import Key, Scalar, State
 from ..controllers.baselines.continuation import SwingUps, continue_swingups, nominal_swingups
 from ..controllers.baselines.continuation_settings import ContinuationSettings
