@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.areapo import algorithm, reset_cost, reward_scale
+from swingup.areapo import algorithm, reward_scale, terminations
 from swingup.areapo.config import Config
 from swingup.learner.presets import PRESETS
 
@@ -222,7 +222,7 @@ def test_a_reset_cost_is_the_multiplier_of_a_rate_of_terminations():
 
 @pytest.mark.slow
 def test_the_reset_cost_ends_at_zero_where_the_target_permits_the_best_policy(monkeypatch):
-    monkeypatch.setattr(reset_cost, "TERMINATION_TARGET", 0.95)
+    monkeypatch.setattr(terminations, "TERMINATION_TARGET", 0.95)
     # Without a cost the odds are exp(1 / 0.5), a probability of 0.88.
     state, metrics = learn(Trap(), temperature=0.5, terminations="adaptive_cost", reset_cost=1.0)
     assert float(state.reset_cost) == 0.0

@@ -4,16 +4,16 @@ import jax
 import numpy as np
 import pytest
 
-from swingup.areapo import optimisation as shuffle
+from swingup.areapo import optimisation
 
 # With so few random bits wanted frames' numbers share a word with them; with so many they do not.
-LEAST = {"tagged": shuffle.LEAST_RANDOM, "sorted by bits": shuffle.WORD + 1}
+LEAST = {"tagged": optimisation.LEAST_RANDOM, "sorted by bits": optimisation.WORD + 1}
 
 
 @pytest.fixture(params=LEAST.values(), ids=LEAST)
 def orders(request, monkeypatch):
-    monkeypatch.setattr(shuffle, "LEAST_RANDOM", request.param)
-    return lambda epochs, size: np.asarray(shuffle.shuffled(jax.random.key(0), epochs, size))
+    monkeypatch.setattr(optimisation, "LEAST_RANDOM", request.param)
+    return lambda epochs, size: np.asarray(optimisation.shuffled(jax.random.key(0), epochs, size))
 
 
 @pytest.mark.parametrize("size", [1, 24, 1024, 1025])

@@ -13,14 +13,9 @@ from .run_settings import MALFORMED, RunSettings
 BEST, LAST = "best.safetensors", "last.safetensors"
 
 
-def best_name(settings: RunSettings, index: int) -> str:
-    """File of a seed's best policy; with several seeds best.safetensors is the best of all."""
-    return BEST if settings.seeds == 1 else f"best-{settings.seed + index}.safetensors"
-
-
-def last_name(settings: RunSettings, index: int) -> str:
-    """File of a seed's last policy."""
-    return LAST if settings.seeds == 1 else f"last-{settings.seed + index}.safetensors"
+def seed_file(name: str, settings: RunSettings, index: int) -> str:
+    """File of a seed's best or last policy; with several seeds best.safetensors is the best of all."""
+    return name if settings.seeds == 1 else name.replace(".", f"-{settings.seed + index}.")
 
 
 def provenance(
@@ -49,7 +44,8 @@ def best_on_disk(folder: Path, settings: RunSettings, measure: str) -> list[Rank
         # Only to refuse a foreign file: the best of all is one of the seeds' best policies.
         _rank_on_disk(folder / BEST, settings, measure)
     return [
-        _rank_on_disk(folder / best_name(settings, index), settings, measure) for index in range(settings.seeds)
+        _rank_on_disk(folder / seed_file(BEST, settings, index), settings, measure)
+        for index in range(settings.seeds)
     ]
 
 

@@ -71,11 +71,6 @@ def score_of(best: Rank) -> float | None:
     return best[1] if best[0] else None
 
 
-def initial_progress(state: LearnerState, seeds: int) -> TrainingProgress:
-    """Before the first iteration."""
-    return TrainingProgress(state, (UNRANKED,) * seeds)
-
-
 def read_progress(
     state: LearnerState, metadata: dict[str, Any], settings: RunSettings, source: str
 ) -> TrainingProgress:

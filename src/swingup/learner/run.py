@@ -22,7 +22,7 @@ from ..common.errors import SwingupError
 from ..controllers.stack.policy import Policy
 from .backend import AbstractBackend, split_seeds
 from .metrics import MetricsWriter
-from .policy_files import BEST, best_name, last_name, provenance
+from .policy_files import BEST, LAST, provenance, seed_file
 from .progress import TrainingProgress, is_finite, rank, score_of
 from .report import TrainingReport, make_report
 from .run_folder import RunFolder
@@ -203,7 +203,7 @@ class Run:
             if found > max(best):
                 self._save_policy(BEST, index, policy, result)
             if self.settings.seeds > 1:
-                self._save_policy(best_name(self.settings, index), index, policy, result)
+                self._save_policy(seed_file(BEST, self.settings, index), index, policy, result)
             self.progress = replace(self.progress, best=(*best[:index], found, *best[index + 1 :]))
 
     def _save_policy(self, name: str, index: int, policy: Policy[Any], result: dict[str, Any]) -> None:
@@ -219,7 +219,7 @@ class Run:
             writer.sync()
         self._check_finite((self.progress.state.actor, self.progress.state.critic), "weights are")
         for index, (policy, result) in enumerate(zip(self.policies(), evaluations, strict=True)):
-            self._save_policy(last_name(self.settings, index), index, policy, result)
+            self._save_policy(seed_file(LAST, self.settings, index), index, policy, result)
         self.save_checkpoint()
 
     def _check_finite(self, tree: Any, subject: str) -> None:

@@ -19,7 +19,7 @@ from .compiled_backend import CompiledBackend
 from .evaluators import ReturnEvaluator, SwingUpEvaluator, check_actions
 from .memory import check_memory
 from .policy_files import best_on_disk
-from .progress import initial_progress, is_finite, read_progress
+from .progress import UNRANKED, TrainingProgress, is_finite, read_progress
 from .run import Run, Snapshot
 from .run_folder import RunFolder
 from .run_settings import RunSettings, is_description, read_run_settings, write_run_settings
@@ -46,7 +46,8 @@ def start_run(settings: RunSettings, folder: str | Path | None, frames: int, env
     # A reset that is not finite would show only after the first chunk, as a divergence.
     if not is_finite(state.observations):
         raise SwingupError(f"{settings.name} cannot be trained on: {backend.find_fault()}")
-    run = Run(settings, backend, initial_progress(state, settings.seeds), goal, place)
+    progress = TrainingProgress(state, (UNRANKED,) * settings.seeds)
+    run = Run(settings, backend, progress, goal, place)
     if place is not None:
         place.create()
         write_run_settings(place.path, settings, goal)

@@ -83,11 +83,20 @@ def distil(
         longest = number in (1, settings.rounds)
         steps = settings.steps if longest else settings.steps // 2
         rate = settings.learning_rate * (1.0 if number == 1 else 0.6)
+        optimiser = optax.adam(optax.cosine_decay_schedule(rate, steps))
         told = partial(progress, f"lessons {number} of {settings.rounds}")
-        student = _learn(student, teachers.base, dataset, settings, random, steps, rate, told)
+        student = _descend(student, teachers.base, dataset, settings, _key(random), steps, optimiser, told)
         tell(student, number)
-    if settings.score_steps:
-        student = _learn_score(student, teachers, dataset, settings, random, partial(progress, "score"))
+    if steps := settings.score_steps:
+        schedule = optax.warmup_cosine_decay_schedule(0.0, settings.score_rate, steps // 8, steps)
+        # Gradients through the pendulum are bounded.
+        optimiser = optax.chain(optax.clip_by_global_norm(2.0), optax.adam(schedule))
+        ends = (
+            PolicyGradientSettings(duration=settings.score_duration),
+            make_recoveries(student, teachers, settings, random) if settings.recovery_episodes else None,
+        )
+        told, key = partial(progress, "score"), _key(random)
+        student = _descend(student, teachers.base, dataset, settings, key, steps, optimiser, told, *ends)
         tell(student, settings.rounds + 1)
     return eqx.tree_at(lambda c: c.policy, student, jax.tree.map(np.asarray, student.policy))
 
@@ -118,42 +127,6 @@ def new_student(
     return PolicyController(policy, recovery.torque_limit, recovery.robot, recovery.plant)
 
 
-def _learn(
-    student: PolicyController,
-    bases: Float[Array, "plants 9"],
-    dataset: Dataset,
-    settings: DistillationSettings,
-    random: np.random.Generator,
-    steps: int,
-    rate: float,
-    told: Callable[[int, int], None],
-) -> PolicyController:
-    """Adam on the squared errors of the torque; the step size falls to 0 on a cosine."""
-    optimiser = optax.adam(optax.cosine_decay_schedule(rate, steps))
-    return _descend(student, bases, dataset, settings, _key(random), steps, optimiser, told)
-
-
-def _learn_score(
-    student: PolicyController,
-    teachers: Teachers,
-    dataset: Dataset,
-    settings: DistillationSettings,
-    random: np.random.Generator,
-    told: Callable[[int, int], None],
-) -> PolicyController:
-    """The same with the score of the nominal plant's swing-ups, and with recoveries on the plants if settings ask.
-
-    Gradients through the pendulum are bounded.
-    """
-    s = settings
-    schedule = optax.warmup_cosine_decay_schedule(0.0, s.score_rate, s.score_steps // 8, s.score_steps)
-    optimiser = optax.chain(optax.clip_by_global_norm(2.0), optax.adam(schedule))
-    episodes = PolicyGradientSettings(duration=s.score_duration)
-    recoveries = make_recoveries(student, teachers, settings, random) if s.recovery_episodes else None
-    more = s.score_steps, optimiser, told, episodes, recoveries
-    return _descend(student, teachers.base, dataset, s, _key(random), *more)
-
-
 def _descend(
     student: PolicyController,
     bases: Float[Array, "plants 9"],
@@ -166,7 +139,10 @@ def _descend(
     episodes: PolicyGradientSettings | None = None,
     recoveries: Recoveries | None = None,
 ) -> PolicyController:
-    """The student after these steps, a part of them in each compiled call."""
+    """The student after steps on the squared errors of the torque, a part of them in each compiled call.
+
+    Where there are ``episodes``, the score of the nominal plant's swing-ups counts as well, and ``recoveries``.
+    """
     carry, keys = (student.policy.actor, optimiser.init(student.policy.actor)), jax.random.split(key, steps)
     dataset = jax.tree.map(jnp.asarray, dataset)
     for done in range(0, steps, max(1, steps // PARTS)):

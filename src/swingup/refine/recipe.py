@@ -5,6 +5,7 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -135,26 +136,25 @@ def run_recipe(
     controller = dataclasses.replace(controller, plant=similar, torque_limit=similar.limit(robot.joint))
     limit = float(around.high.loop.passive_limit)
     random = np.random.default_rng(seed)
+
+    def tell(number: int, now: PolicyController, iteration: int, of: int, measures: dict[str, float]) -> None:
+        # Alone, or where it sees its plant with what finds that.
+        real = dataclasses.replace(in_units(now, scales), plant=facts)
+        judged = make_controller(wrapped_policy(real, limit)) if now.policy.sees_plant else real
+        criteria = judge(judged, robot, plant=found).criteria
+        report(RefinementReport(number, iteration, of, time.perf_counter() - start, real, criteria, measures))
+
     for number, stage in enumerate(stages, start=1):
-        # The default of `number` binds this stage's; a closure alone would see the loop's last one.
-        def tell(
-            now: PolicyController, iteration: int, of: int, measures: dict[str, float], number: int = number
-        ) -> None:
-            # Alone, or where it sees its plant with what finds that.
-            real = dataclasses.replace(in_units(now, scales), plant=facts)
-            judged = make_controller(wrapped_policy(real, limit)) if now.policy.sees_plant else real
-            criteria = judge(judged, robot, plant=found).criteria
-            report(RefinementReport(number, iteration, of, time.perf_counter() - start, real, criteria, measures))
+        tell_stage = partial(tell, number)
+        if isinstance(stage, GradientStage):
+            controller = _gradient_steps(controller, robot, stage, random, tell_stage, every, similar)
+            continue
+        rounds = stage.rounds + bool(stage.score_steps)
 
-        if isinstance(stage, DistillationSettings):
-            rounds = stage.rounds + bool(stage.score_steps)
+        def tell_round(now: PolicyController, done: int, tell: Any = tell_stage, of: int = rounds) -> None:
+            tell(_checked(now), done, of, {})
 
-            def tell_round(now: PolicyController, done: int, tell: Any = tell, rounds: int = rounds) -> None:
-                tell(_checked(now), done, rounds, {})
-
-            controller = distil(controller, stage, random, tell_round, around, progress)
-        else:
-            controller = _gradient_steps(controller, robot, stage, random, tell, every, similar)
+        controller = distil(controller, stage, random, tell_round, around, progress)
     return dataclasses.replace(in_units(controller, scales), plant=facts)
 
 
