@@ -231,7 +231,7 @@ def test_the_learning_rate_follows_the_kl_divergence(collected):
 
 def test_actions_share_the_first_deviation():
     """Four actions of a deviation of 1 together: 1/2 each, whose logarithm is -log 2."""
-    config = dataclasses.replace(CONFIG, log_std_init=0.0, share_std=True, state_dependent_std=False)
+    config = dataclasses.replace(CONFIG, log_std_init=0.0, deviation="shared")
     actor = init_learner(jax.random.key(0), Spaces(3, 4), config).actor
     np.testing.assert_allclose(actor(jnp.zeros(3)).log_std, -np.log(2.0), rtol=1e-5)
 

@@ -24,7 +24,7 @@ FRAMES = 32
 OPTIONS = {
     "activation": {"activation": "tanh"},
     "normalise_rewards": {"normalise_rewards": True},
-    "one deviation": {"state_dependent_std": False},
+    "one deviation": {"deviation": "action"},
     "adaptive": {"terminations": "adaptive_cost", "reset_cost": 2.0},
     "schedule": {"schedule": "anneal_entropy", "schedule_frames": 160},
 }

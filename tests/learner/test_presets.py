@@ -8,7 +8,7 @@ PPO = {
     "num_envs": 1, "num_steps": 2048, "batch_size": 64, "num_epochs": 10, "learning_rate": 3e-4,
     "discount": (0.99, 0.99), "gae_lambda": (0.95, 0.95), "clip_range": 0.2, "max_grad_norm": 0.5,
     "value_coefficient": (0.5, 0.0), "temperature": 0.0, "policy_layers": (64, 64), "value_layers": (64, 64),
-    "log_std_init": 0.0, "activation": "tanh", "state_dependent_std": False, "gain": "none", "terminations": "end",
+    "log_std_init": 0.0, "activation": "tanh", "deviation": "action", "gain": "none", "terminations": "end",
 }  # fmt: skip
 """The arguments' defaults of Stable-Baselines3's PPO, by our names."""
 

@@ -23,6 +23,7 @@ TINY, HUGE = 1e-12, 1e12
 LARGEST_COUNT = 2**31 - 1
 """Frames and units are indexed in 32 bits."""
 
+Deviation = Literal["state", "action", "shared"]
 Gain = Literal["td", "advantage", "none"]
 Terminations = Literal["reset_cost", "adaptive_cost", "bootstrap", "end"]
 Schedule = Literal["constant", "anneal", "anneal_entropy"]
@@ -62,13 +63,12 @@ class Config(eqx.Module):
     """Widths of the hidden layers that both value heads share."""
     activation: Activation = _word("relu", Activation)
     """Activation of all hidden layers: relu, tanh, elu, silu or gelu. C, ONNX and pages run relu alone."""
-    state_dependent_std: bool = _static(True)
-    """Whether the standard deviation of continuous actions depends on the state, as in the paper. Without it each
-    action has one that learns, as in Stable-Baselines3 and CleanRL. Discrete actions have none."""
+    deviation: Deviation = _word("state", Deviation)
+    """What the standard deviation of continuous actions is. state: it depends on the state, as in the paper;
+    action: each action has one that learns, as in Stable-Baselines3 and CleanRL; shared: the same, and m actions
+    begin with it divided by √m. Discrete actions have none."""
     log_std_init: float = _number(-1.0, -20.0, 2.0)
     """Logarithm of the policy's initial standard deviation (before tanh)."""
-    share_std: bool = _static(False)
-    """Whether the m actions share the initial standard deviation: each has it divided by √m."""
     temperature: float = _number(2.0, 0.0, HUGE)
     """Temperature τ of the entropy reward -τ log π."""
     discount: Pair = _number((1.0, 1.0), 0.0, 1.0)

@@ -20,10 +20,10 @@ from .statistics import running_statistics
 def init_learner(key: Key, spaces: Spaces, config: Config) -> LearnerState:
     """The state of a learner that has observed no environment yet; gains and their trace start at 0."""
     actor_key, critic_key, state_key = jax.random.split(key, 3)
-    shared = 0.5 * math.log(spaces.action_size) if config.share_std else 0.0
+    shared = 0.5 * math.log(spaces.action_size) if config.deviation == "shared" else 0.0
     actor = init_policy(
         actor_key, spaces, config.policy_layers, config.log_std_init - shared, config.activation,
-        config.state_dependent_std,
+        config.deviation == "state",
     )  # fmt: skip
     critic = init_critic(critic_key, spaces.observation_size, config.value_layers, config.activation)
     return LearnerState(

@@ -71,7 +71,7 @@ PRESETS = {
             # At τ = 0 nothing reads the entropy's values, but discounted values are refused at 1.
             gain="none", terminations="end", temperature=0.0, discount=(0.99, 0.99), gae_lambda=(0.95, 0.95),
             clip_range=0.2, learning_rate=3e-4, max_grad_norm=0.5, value_coefficient=(0.5, 0.0), log_std_init=0.0,
-            activation="tanh", state_dependent_std=False, normalise_rewards=True,
+            activation="tanh", deviation="action", normalise_rewards=True,
         ),
         1_000_000,
     ),
@@ -82,9 +82,9 @@ PRESETS = {
             num_envs=8, num_steps=250, num_epochs=10, batch_size=125, policy_layers=(64, 64), value_layers=(64, 64),
             # λ = 0.98 sees a swimmer's slow rewards.
             activation="tanh", gae_lambda=(0.98, 0.95), gain="td", centre_values=True, normalise_rewards=True,
-            temperature=0.002, state_dependent_std=False, clip_range=0.2,
+            temperature=0.002, clip_range=0.2,
             # Noise of 1 for a swimmer's two actions, of 0.5 for an ant's eight.
-            log_std_init=0.35, share_std=True,
+            log_std_init=0.35, deviation="shared",
             # A step that suits the swimmer moves the ant too far.
             target_kl=0.04, learning_rate=3e-4, max_grad_norm=0.5, value_coefficient=(0.5, 0.25),
             terminations="adaptive_cost", reset_cost=100.0,
