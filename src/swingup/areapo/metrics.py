@@ -65,13 +65,8 @@ def make_metrics(
 ) -> Metrics:
     """The metrics of one iteration, over the frames that count.
 
-    Args:
-        state: after the iteration.
-        rollout: as it was collected.
-        cost: what a termination cost.
-        value_means: of both objectives, on the scale of the rewards that are learned on, as the state's gains are.
-        losses: means over the minibatches.
-        gradient_norm: mean over the minibatches.
+    The rollout is as it was collected, the state that after the iteration. Means of values are on the scale of the
+    rewards that are learned on, as the state's gains are.
     """
     unit = reward_unit(state)
     gains, values = state.gains * unit, value_means * unit

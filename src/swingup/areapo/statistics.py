@@ -24,10 +24,7 @@ OBSERVATION_EPSILON = 1e-18
 def mean(values: Float[Array, "..."], weights: Weights = None, axis: Axes = None) -> Float[Array, "..."]:
     """Mean over the axes of the frames. Only frames that count enter; without any, the mean is 0.
 
-    Args:
-        values: one or more numbers a frame.
-        weights: of the frames; they broadcast against the values.
-        axis: the axes of the frames, None for all axes.
+    Weights broadcast against the values; the axes are those of the frames, None for all.
     """
     # Where all rows count, the compiled program has no weights at all.
     if weights is None:

@@ -77,11 +77,6 @@ def floored_delay_steps(delay: float, dt: float) -> int:
 def draw_pushes(random: np.random.Generator, rules: PushRules, duration: float) -> Pushes:
     """A random profile: peaks shuffled over both joints, at least ``apart`` from each other and both ends.
 
-    Args:
-        random: source of the numbers.
-        rules: how many pushes, and their ranges.
-        duration: length of the run (s).
-
     Raises:
         SwingupError: there are none, or more than fit into the run.
     """

@@ -27,12 +27,8 @@ def make_cases(
 ) -> list[Case]:
     """All simulations of one criterion.
 
-    Args:
-        robot: which joint is driven.
-        rules: the sweeps.
-        criterion: one of :data:`~swingup.benchmark.rules.CRITERIA`.
-        seed: of the noise and the pushes; the other criteria do not depend on it.
-        plant: what the grid is around.
+    The grid is around the plant. The seed is that of the noise and the pushes; the other criteria do not depend on
+    it.
 
     Raises:
         SwingupError: there is no such plant, a value makes no pendulum, or is no disturbance.

@@ -132,12 +132,7 @@ def entrants_for(
 ) -> dict[str, Any]:
     """Built-in controllers and others, by name.
 
-    Args:
-        robot: which joint is driven.
-        others: controllers of the user.
-        names: the built-in controllers.
-        alone: whether a policy that ships with an estimator enters a second time without it.
-        plant: what baselines are designed for.
+    With ``alone`` a policy that ships with an estimator enters a second time without it.
 
     Raises:
         SwingupError: another controller has a name of ours.

@@ -114,11 +114,7 @@ def examine(
 ) -> list[Finding]:
     """Look at a trajectory that :func:`~swingup.benchmark.score.score` accepts.
 
-    Args:
-        trajectory: NumPy arrays in float64.
-        robot: which joint is driven.
-        board: a board that scores rows.
-        plant: the recording's pendulum, with or without its friction; the leaderboards' has that of design C.1.
+    The plant is the recording's, with or without its friction; the leaderboards' has that of design C.1.
     """
     plants = _possible_plants(plant, robot)
     scored = isinstance(board, SwingUpBoard)

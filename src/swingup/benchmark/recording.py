@@ -63,11 +63,8 @@ def scorable_rows(trajectory: Trajectory) -> Rows:
 def recorded(rows: Trajectory, duration: float) -> Trajectory:
     """What counts of one simulated run of a duration (s): rows until it diverged, it stopped, or time was up.
 
-    On a robot it is what the robot writes down: measured states, and the torques that were asked for.
-
-    Args:
-        rows: the simulation; late turns make it longer than the run.
-        duration: length of the run (s).
+    On a robot it is what the robot writes down: measured states, and the torques that were asked for. Late turns
+    make a simulation longer than the run.
     """
     time, x, u = (np.asarray(part) for part in (rows.time, rows.x, rows.u))
     kept = time < duration

@@ -61,11 +61,7 @@ def _simulate(
 def prepare(source: Any, robot: Robot, name: str, plant: Plant | None = None) -> Controller:
     """Turn a controller of any kind into one that can be run on a robot.
 
-    Args:
-        source: the controller.
-        robot: which joint is driven.
-        name: the controller's, for messages.
-        plant: what it will run on; a policy that was made for a plant that differs much is said to be so.
+    The name is for messages. A policy that was made for a plant that differs much is said to be so.
 
     Raises:
         SwingupError: it is no controller, is for another robot, or cannot be compiled; the message names it.
@@ -120,14 +116,9 @@ def run_many(
 ) -> SimulatedBatch:
     """Simulate a batch of scenarios from hanging at rest.
 
-    Args:
-        controller: the controller; each scenario gets a memory of its own.
-        scenarios: with a leading axis of length n, as :func:`stack` makes them.
-        dt: time of a step (s).
-        steps: number of steps.
-        depth: more than the largest delay (steps).
-        keep: whether to return the rows as well.
-        progress: called after each part of the batch.
+    Scenarios have a leading axis, as :func:`stack` makes them; each gets a memory of its own. ``depth`` is more
+    than the largest delay (steps), ``keep`` asks for the rows as well. ``progress`` is called after each part of
+    the batch.
     """
     run = _run_plain if isinstance(controller, PythonController) else _run_compiled
     return run(controller, scenarios, dt, steps, depth, keep, progress)  # type: ignore[arg-type]  # as it is

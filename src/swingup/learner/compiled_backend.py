@@ -54,13 +54,7 @@ class CompiledBackend(AbstractBackend):
     ) -> None:
         """Consecutive seeds of a task, and the evaluator of their policies.
 
-        Args:
-            task: what is trained on.
-            config: the hyperparameters.
-            seed: the first seed.
-            seeds: their number.
-            evaluator: evaluates and saves the policies.
-            to_actions: actions of the environment that the task adapts, for actions of the task.
+        ``to_actions`` gives the actions of the environment that the task adapts, for actions of the task.
         """
         self.evaluator, self._to_actions = evaluator, to_actions
         self._task, self._config, self._seeds = task, config, range(seed, seed + seeds)

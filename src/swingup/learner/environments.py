@@ -66,10 +66,7 @@ class Environments:
     def __init__(self, env: VectorEnv[Any, Any, Any], name: str | None = None, lent: bool = False) -> None:
         """Wrap a vector environment.
 
-        Args:
-            env: the vector environment.
-            name: its name in messages; that of its class by default.
-            lent: whether its owner closes it.
+        What is lent is closed by its owner.
 
         Raises:
             SwingupError: its spaces or its autoreset mode are not supported.

@@ -133,11 +133,7 @@ def summarise_episodes(
 ) -> dict[str, Any]:
     """Mean return, which is the score, and mean length of episodes; reward rate and resets of all their steps.
 
-    Args:
-        returns: of the episodes.
-        lengths: their steps.
-        terminations: how many of them the task itself ended, not a limit.
-        step_time: seconds of a step; None where the task has no time.
+    Terminations are those of the task itself, not of a limit. A task without time has no seconds of a step.
     """
     steps = float(np.sum(lengths))
     means = {"score": float(np.mean(returns)), "mean_length": float(np.mean(lengths))}

@@ -34,13 +34,7 @@ class HostBackend(AbstractBackend):
     def __init__(self, env: Any, name: str, config: Config, seeds: Sequence[int], episodes: int) -> None:
         """Make the environments.
 
-        Args:
-            env: an id, a function that makes an environment or a list of them, an environment, or a vector
-                environment.
-            name: its name in policy files.
-            config: the hyperparameters.
-            seeds: the environments' seeds follow from them and the iteration.
-            episodes: of an evaluation; with 0, the episodes of training give the score.
+        With 0 episodes of an evaluation the episodes of training give the score.
 
         Raises:
             SwingupError: there is no such environment, its spaces are not supported, or memory is short.

@@ -32,12 +32,7 @@ class EpisodeEvaluator(AbstractEvaluator):
     def __init__(self, env: Any, name: str, environments: Environments, seed: int, episodes: int) -> None:
         """Prepare; environments are made when they are first needed.
 
-        Args:
-            env: what training has; environments that were passed in cannot be evaluated.
-            name: what policy files call it.
-            environments: those of training, which have the same spaces.
-            seed: of the episodes.
-            episodes: their default number.
+        ``environments`` are those of training, which have the same spaces.
         """
         self.observation_shape = environments.observation_space.shape or ()
         self._env, self._name, self._seed, self._episodes = env, name, seed, episodes
@@ -78,12 +73,8 @@ def play_once(
 ) -> dict[str, Any]:
     """Evaluate episodes in a given environment, or in new ones made for them.
 
-    Args:
-        policy: what acts.
-        env: the environment.
-        episodes: their number; None for one in each environment that was passed in, or else ``EPISODES``.
-        seed: of the episodes.
-        trained: the actions of training, as an evaluator describes them.
+    Without a number of episodes it is one in each environment that was passed in, or else ``EPISODES``. ``trained``
+    describes the actions of training.
 
     Raises:
         SwingupError: the environments cannot be made, or the policy is for other spaces.

@@ -125,10 +125,6 @@ def is_pendulum(env: Any) -> bool:
 def choose_preset(named: str | None, env: Any) -> str:
     """The named preset, or else the default of the task; no other code decides this.
 
-    Args:
-        named: a preset's name; None for the default.
-        env: a robot's name, a Gymnasium id, or the environment or the task itself.
-
     Raises:
         SwingupError: there is no such preset; or none was named for a pendulum task that was passed in, since
             several presets may fit its variant.

@@ -76,11 +76,7 @@ def read_progress(
 ) -> TrainingProgress:
     """The progress that a checkpoint holds.
 
-    Args:
-        state: its arrays.
-        metadata: its metadata.
-        settings: of the run that continues from it.
-        source: its name in an error.
+    Errors name its source.
 
     Raises:
         SwingupError: the metadata is malformed, or of other settings.

@@ -45,12 +45,7 @@ def make_report(
 ) -> TrainingReport:
     """The report of a chunk.
 
-    Args:
-        settings: of the run.
-        progress: after the chunk.
-        rate: frames of all seeds per second.
-        figures: each seed's means over the chunk.
-        evaluations: results of each seed's policy.
+    ``rate`` counts frames of all seeds per second, figures are each seed's means over the chunk.
     """
     frames = progress.iterations * settings.config.rollout_size
     rows = []

@@ -48,12 +48,7 @@ class Run:
     ) -> None:
         """A run at some point of its training.
 
-        Args:
-            settings: what is trained.
-            backend: the back end to train on.
-            progress: the point that training has reached.
-            goal: frames of each seed to train to.
-            folder: the folder for its files; None to write none.
+        The goal counts frames of each seed; without a folder nothing is written.
         """
         self.settings, self.backend, self.progress, self.goal = settings, backend, progress, goal
         self._folder = folder

@@ -164,11 +164,7 @@ def make_run_settings(
 ) -> RunSettings:
     """The settings of a run, with the defaults of its preset and its task for what is None or left out.
 
-    Args:
-        env: a robot's name, a Gymnasium id, or the environment or the task itself.
-        preset: named settings.
-        changes: hyperparameters by name.
-        given: other fields of the settings; ``plant`` may be a name or a file.
+    ``plant`` may be a name or a file.
 
     Raises:
         SwingupError: a setting is unknown or cannot work.

@@ -106,12 +106,7 @@ def batch_cost(
 ) -> tuple[Scalar, Measures]:
     """Mean cost of a batch of episodes under a policy with this actor, and the episodes' measures.
 
-    Args:
-        actor: the network, with respect to which the cost is differentiated.
-        controller: the controller around it; its own actor is replaced.
-        x0: the episodes' first states (rad, rad/s).
-        settings: duration, weights and bounds.
-        plant: the plant.
+    The cost is differentiated with respect to the actor, which replaces the controller's own.
     """
     controller = with_actor(controller, actor)
     scenario = Scenario(plant, substeps=stable_substeps(plant, SCORE_RULES.dt))

@@ -59,13 +59,8 @@ def distil(
 ) -> PolicyController:
     """A policy that sees its plant, from nothing but teachers.
 
-    Args:
-        recovery: a policy that recovers from anywhere on the nominal plant, in C.1's units.
-        settings: plants, runs and learning.
-        random: source of the numbers.
-        tell: called after each round with the student and the number of rounds so far, and once more at the end.
-        domain: the robot's plants.
-        progress: called with what is computed, how much of it is done, and of how much.
+    The policy to start from recovers from anywhere on the nominal plant, in C.1's units. ``tell`` is called after
+    each round with the student and the number of rounds so far, and once more at the end.
     """
     robot, nominal = recovery.robot, plant_of(recovery)
     around = domain if isinstance(domain, Domain) else load_domain(domain)

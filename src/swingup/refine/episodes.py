@@ -68,14 +68,7 @@ class EpisodeBatch(eqx.Module):
 def sample_episodes(
     random: np.random.Generator, robot: Robot, settings: EpisodeSettings, plant: PlantLike = LEADERBOARD
 ) -> EpisodeBatch:
-    """Draw the episodes of one step, in single precision.
-
-    Args:
-        random: source of the numbers.
-        robot: which joint is driven.
-        settings: how many of each kind.
-        plant: what is thrown.
-    """
+    """Draw the episodes of one step, in single precision."""
     nominal, anywhere, thrown = (getattr(settings, kind) for kind in EPISODE_KINDS)
     hanging = settings.spread * random.uniform(size=(nominal, 1)) * random.normal(size=(nominal, 4))
     rates = settings.speed * random.uniform(size=(anywhere, 1)) * random.normal(size=(anywhere, 2))

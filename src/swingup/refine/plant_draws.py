@@ -66,12 +66,7 @@ def draw_plants(
 ) -> Plant:
     """Plants with leaves of shape (n,): single ones, joint ones, those with friction, the robot's, in this order.
 
-    Args:
-        random: source of the numbers.
-        robot: which joint is driven.
-        draws: how many of each kind.
-        nominal: what the others but the robot's are about, in C.1's units.
-        domain: the robot's plants; None for those of design C.1 in recordings.
+    The nominal plant, in C.1's units, is what all but the robot's are about; the robot's are of the domain.
     """
     nominal, names, domain = nominal.driven(robot), list(SWEEPS), domain or load_domain(RECORDED)
     plants = []

@@ -182,9 +182,7 @@ def in_units(controller: PolicyController, scales: Scales) -> PolicyController:
 def wrapped_policy(controller: PolicyController, passive_limit: float | None = None) -> PendulumPolicy:
     """What the file of a refined policy holds: an estimator, and for one that sees its plant what finds that.
 
-    Args:
-        controller: the policy.
-        passive_limit: largest compensation of the passive joint's friction (N m); None for the usual one.
+    ``passive_limit`` is the largest compensation of the passive joint's friction (N m); None for the usual one.
     """
     scales = scales_of(plant_of(controller))
     policy, estimator = policy_of(controller), default_estimator(plant_of(controller))

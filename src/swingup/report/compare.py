@@ -131,13 +131,7 @@ def close_loop(
 ) -> ClosedLoop:
     """Run a controller from hanging at rest on a plant in its loop, for as long as the log lasts.
 
-    Args:
-        recording: the log.
-        controller: a controller in JAX, an object with ``get_control_output(x, t)`` or a function of (x, t).
-        name: of the controller in the result.
-        robot: which joint is driven.
-        domain: plant and loop; one is drawn from its ranges.
-        seed: of all that is drawn.
+    Plant and loop are drawn from the domain's ranges.
     """
     board = replace(HARDWARE, duration=min(recording.duration, LONGEST_RUN))
     with jax.enable_x64(True):

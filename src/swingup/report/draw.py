@@ -80,10 +80,6 @@ LOOKS: dict[str, dict[str, Any]] = {
 def draw(figures: Figure | Mapping[str, Figure], title: str = "") -> "Drawing":
     """Draw a figure, or several below each other.
 
-    Args:
-        figures: a description; or several, by their headings.
-        title: heading of the whole.
-
     Raises:
         SwingupError: nothing is described, or matplotlib is not installed.
     """
@@ -214,12 +210,7 @@ def new_figure(width: float, height: float) -> "Drawing":
 
 
 def render(drawing: "Drawing", suffix: str) -> bytes:
-    """Render a figure as the bytes of a file; equal figures give equal bytes.
-
-    Args:
-        drawing: the figure.
-        suffix: one of :data:`FIGURE_FORMATS`.
-    """
+    """Render a figure as the bytes of a file; equal figures give equal bytes."""
     metadata = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(suffix)
     file = io.BytesIO()
     with styled():

@@ -30,12 +30,8 @@ def trajectory_figure(
     """Positions (rad), velocities (rad/s) and torques (N m) over time (s), a column for each trajectory.
 
     Angles are unwrapped from a start within half a turn of hanging. Green marks the goal nearest to the end, and
-    the time from which the tip stays up.
-
-    Args:
-        trajectories: by name; the names become titles.
-        robot: which joint is driven; the other's torque is drawn in grey unless it is zero.
-        plant: gives the lengths of the links and the torque limit.
+    the time from which the tip stays up. Names become titles. The passive joint's torque is drawn in grey unless it
+    is zero.
 
     Raises:
         SwingupError: there is no trajectory, or one is malformed.
@@ -58,12 +54,7 @@ def motion_panels(
 ) -> list[Panel]:
     """Tip height, positions, velocities and torques over time.
 
-    Args:
-        runs: by name, the main one first; the other ones are thin.
-        robot: which joint is driven.
-        plant: gives lengths and torque limit.
-        title: of the positions' panel.
-        others: trajectories of which only the tip is drawn, in grey.
+    The first run is the main one, the others are thin; of ``others`` only the tip is drawn, in grey.
     """
     lengths = plant.l1, plant.l2
     heights = [
@@ -106,12 +97,8 @@ def phase_figure(
 ) -> Figure:
     """The phase portrait of each joint, velocity (rad/s) over position (rad), with start and goal.
 
-    Angles are unwrapped from a start within half a turn of hanging; the goals are those nearest to the ends.
-
-    Args:
-        trajectories: by name, as in the legend.
-        robot: which joint is driven; its panel says so.
-        colours: of both joints; None for one of each trajectory. The lines after the first are then thin.
+    Angles are unwrapped from a start within half a turn of hanging; the goals are those nearest to the ends. With
+    colours of both joints the lines after the first are thin; without them each trajectory has one.
 
     Raises:
         SwingupError: there is no trajectory, or one is malformed.

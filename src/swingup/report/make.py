@@ -119,10 +119,7 @@ def trained_section(
 ) -> Section:
     """Score a policy that was trained just now beside known ones, and simulate their swing-ups.
 
-    Args:
-        robot: which joint is driven.
-        policies: by name; the first one drives the live pendulum and enters the board.
-        progress: called with the name of a stage, the number of its finished parts, and of all.
+    The first policy drives the live pendulum and enters the board.
     """
     name, policy = next(iter(policies.items()))
     shipped = {each: get_controller(each, robot) for each in SHIPPED}

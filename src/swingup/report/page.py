@@ -49,10 +49,6 @@ MOST_SERIES = 8
 def render_page(sections: Sequence[Section], title: str = "Swinging up double pendulums") -> str:
     """Render a page that shows one or both robots, as the text of one HTML file.
 
-    Args:
-        sections: one for each robot.
-        title: heading of the page.
-
     Raises:
         SwingupError: Jinja is not installed, no section or two for one robot are given, a trajectory's arrays do
             not fit together, or the page's scripts cannot run a policy.

@@ -54,12 +54,8 @@ def plan_jobs(
 ) -> list[Job]:
     """The jobs of a sweep: every combination of the grid with every seed.
 
-    Args:
-        base: what all runs share.
-        grid: the alternatives by the name of a hyperparameter, or ``preset``.
-        seeds: the seeds.
-        out: folder of the sweep, in which each run has its own.
-        frames: length of the runs; by default the preset's, of several presets the longest.
+    The grid has alternatives by the name of a hyperparameter, or ``preset``. Without a number of frames a run has
+    the preset's, of several presets the longest.
 
     Raises:
         SwingupError: a setting is unknown or cannot work, there are too many runs, or two are the same.
@@ -126,10 +122,7 @@ def run_jobs(
 ) -> list[Row]:
     """Run all jobs that are not done yet; a job that fails does not stop the others.
 
-    Args:
-        jobs: the jobs.
-        executor: a process pool, Dask's ``Client.get_executor()``, or any other.
-        progress: called with each job that ends and its row.
+    ``progress`` is called with each job that ends and its row.
 
     Returns:
         Each job's last metrics, or a row with only its ``error``.
@@ -147,9 +140,7 @@ def run_jobs(
 def train_one(job: Job, report: Callable[[Row], None] | None = None) -> Row:
     """Run one job, or the rest of it, in the calling process.
 
-    Args:
-        job: the job.
-        report: called with the metrics of each evaluation; what it raises ends the run.
+    ``report`` is called with the metrics of each evaluation; what it raises ends the run.
 
     Returns:
         The last metrics of the run.
@@ -176,10 +167,6 @@ def describe_error(error: BaseException) -> str:
 
 def summarise(jobs: Sequence[Job], rows: Sequence[Row]) -> list[dict[str, Any]]:
     """The table of a sweep: one row for each variant, in the order of the jobs.
-
-    Args:
-        jobs: the jobs.
-        rows: the last metrics of each.
 
     Returns:
         Rows of ``variant`` (text), ``runs`` with a score, ``failed`` ones, and interquartile means over the runs:
