@@ -4,6 +4,7 @@ Sums run over the rows k = 0 .. N-2 with Δt_k = t_{k+1} - t_k, standard deviati
 """
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, Protocol
 
@@ -131,7 +132,8 @@ def follow_tip(
     if cause is not None:
         return TipHistory(highest, reach, failure, cause)
     # The benchmark looks neither at the first row nor at the last.
-    up, times = tip_is_up(x, l1, l2, rules.height)[1:-1], time[1:-1]
+    every = tip_is_up(x, l1, l2, rules.height)
+    up, times = every[1:-1], time[1:-1]
     if not up.any():
         cause = "never up"
         failure = f"never up: the tip reached {highest:.3f} m and must pass {rules.height * reach:g} m"
@@ -141,8 +143,8 @@ def follow_tip(
     # Both the benchmark's limit on the last time and ours on the span.
     elif min(time[-1], time[-1] - time[0]) < SHARE * rules.duration:
         failure, cause = f"it spans {time[-1] - time[0]:g} s, below {SHARE:.0%} of {rules.duration:g} s", "stopped"
-    elif hold is not None and not up[times >= rules.duration - hold].all():
-        since = times[int(np.flatnonzero(~up)[-1]) + 1]
+    elif hold is not None and not every[time >= rules.duration - hold].all():
+        since = time[min(int(np.flatnonzero(~every)[-1]) + 1, len(time) - 1)]
         failure, cause = f"up for good at t = {since:.3f} s only, not for the last {hold:g} s", "up late"
     return TipHistory(highest, reach, failure, cause)
 
@@ -169,10 +171,10 @@ def failed(criteria: Criteria) -> Criteria:
     return replace(criteria, success=False, swingup_time=None, score=0.0)
 
 
-def realai_score(costs: dict[str, float], normalisers: Normalisers) -> float:
+def realai_score(costs: Mapping[str, Any], normalisers: Normalisers, tanh: Callable[..., Any] = math.tanh) -> Any:
     """1 - (1/5) Σ_i tanh(π c_i / n_i) of a successful run; names are those of :class:`Normalisers`."""
     names = [field.name for field in fields(normalisers)]
-    penalties = [math.tanh(math.pi * costs[name] / getattr(normalisers, name)) for name in names]
+    penalties = [tanh(math.pi * costs[name] / getattr(normalisers, name)) for name in names]
     return 1.0 - sum(penalties) / len(penalties)
 
 

@@ -41,7 +41,7 @@ def checked_rows(trajectory: Trajectory | Rows, name: str = "the trajectory") ->
     if not (np.isfinite(time).all() and np.isfinite(x).all() and np.isfinite(u).all()):
         raise SwingupError(f"{name} holds values that are not finite: end it before them")
     if not np.all(np.diff(time) > 0):
-        raise SwingupError(f"{name} has times that do not increase: keep one run, in order")
+        raise SwingupError(f"{name}: its times do not increase, keep one run, in order")
     return Rows(time, x, u)
 
 

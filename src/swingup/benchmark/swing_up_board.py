@@ -15,7 +15,7 @@ from ..plant.robots import Robot
 from ..plant.units import scaled, scales_of
 from .board import AbstractBoard, Case, Run, Setting, Summary
 from .columns import PERFORMANCE
-from .criteria import SHARE, compute_criteria, failed, follow_tip, tip_is_up
+from .criteria import SHARE, compute_criteria, failed, follow_tip
 from .disturbances import draw_pushes
 from .interval import mean_interval
 from .rollout import Scenario, Trajectory
@@ -98,21 +98,16 @@ class SwingUpBoard(AbstractBoard):
         """
         lengths = float(case.scenario.parameters.l1), float(case.scenario.parameters.l2)
         time, x, u = (np.asarray(part) for part in (rows.time, rows.x, rows.u))
-        # No negative swing-up times.
-        criteria = compute_criteria(time - min(0.0, time[0]), x, u, *lengths, self)
+        time = time - min(0.0, time[0])  # no negative swing-up times
+        criteria = compute_criteria(time, x, u, *lengths, self)
         if stop is not None or fault is not None or time[-1] - time[0] < SHARE * self.duration:
             criteria = failed(criteria)
-        success, limits = criteria.success, None if self.stops else self.limits
-        speed, angle = float(np.abs(x[:, 2:]).max()), float(np.abs(x[:, :2]).max())
-        if self.hold is not None:
-            held = tip_is_up(x[time >= self.duration - self.hold], *lengths, self.height).all()
-            success = bool(held and stop is None and fault is None)
-        if limits is not None:
-            success = success and bool(speed <= limits.speed and angle <= limits.angle)
-        tip = follow_tip(time, x, *lengths, self, limits, self.hold)
+        tip = follow_tip(time, x, *lengths, self, None if self.stops else self.limits, self.hold)
         if stop is not None:
             tip = replace(tip, failure=f"the robot stops it at t = {stop:.3f} s", cause="stopped")
+        success = tip.failure is None and fault is None
         score = criteria.score if success else 0.0
+        speed, angle = float(np.abs(x[:, 2:]).max()), float(np.abs(x[:, :2]).max())
         return Run(case, success, score, fault, criteria, tip, speed, angle, stop)
 
     def summarise(self, runs: Sequence[Run], seeds: Sequence[int]) -> Summary:

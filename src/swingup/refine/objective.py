@@ -1,14 +1,14 @@
 """The cost of an episode: measures that are smooth, so that they have a gradient, and their weights."""
 
 import functools
-import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..benchmark.criteria import realai_score
 from ..benchmark.rollout import Trajectory
 from ..benchmark.swing_up_board import SwingUpBoard
 from ..common.types import Scalar, State
@@ -54,9 +54,7 @@ def measure_episode(trajectory: Trajectory, parameters: Plant, dt: float, rules:
         "torque_smoothness": jnp.sum(jnp.sqrt(square - mean**2 + 1e-12)),
         "velocity_cost": jnp.sum(x[:, 2:] ** 2) * dt,
     }
-    names = [field.name for field in fields(rules.normalisers)]
-    penalties = [jnp.tanh(math.pi * costs[name] / getattr(rules.normalisers, name)) for name in names]
-    score = 1.0 - sum(penalties, start=jnp.zeros(())) / len(penalties)
+    score = realai_score(costs, rules.normalisers, jnp.tanh)
     above = jax.nn.relu(jnp.abs(x[:, 2:]) / FAST - 1)
     return Measures(score, down / (dt * len(x)), jnp.mean(jax.vmap(_away)(x)), jnp.mean(jnp.sum(above**2, axis=1)))
 
