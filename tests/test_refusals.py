@@ -115,7 +115,6 @@ ENTRIES = {
         "torque_noise": ["0.1"], "torque_response": [math.inf],
     },
     usually(leaderboard, robot="acrobot"): {"boards": [["v9"]]},
-    interquartile_mean: {"scores": TABLES},
     interval: {"scores": TABLES, "resamples": [0]},
     usually(probability_of_improvement, ours=SCORES, theirs=SCORES): {"theirs": [[[1.0, 2.0]], [None]]},
     usually(performance_profile, scores=SCORES): {"thresholds": [[[0.0, 1.0]], []]},
