@@ -69,11 +69,8 @@ class RobustnessBoard(AbstractBoard):
     def cases(self, setting: Setting, seeds: Sequence[int]) -> list[Case]:
         """The grid: the criteria without randomness once, the others with each seed."""
         robot, plant = setting.robot, setting.plant
-        cases = [case for name in self.criteria for case in make_cases(robot, self, name, seeds[0], plant)]
-        random = [name for name in self.criteria if name in RANDOM]
-        cases += [
-            case for seed in seeds[1:] for one in random for case in make_cases(robot, self, one, seed, plant)
-        ]
+        drawn = [(name, seed) for seed in seeds for name in self.criteria if seed == seeds[0] or name in RANDOM]
+        cases = [case for name, seed in drawn for case in make_cases(robot, self, name, seed, plant)]
         if plant == LEADERBOARD:
             return cases  # whose grid takes one step of RK4
         # Short enough for the stiffest plant of the grid.

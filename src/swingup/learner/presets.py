@@ -105,16 +105,7 @@ def get_preset(name: str) -> Preset:
     Raises:
         SwingupError: there is no such preset.
     """
-    return PRESETS[preset_name(name)]
-
-
-def preset_name(name: str) -> str:
-    """The present name of a preset.
-
-    Raises:
-        SwingupError: there is no such preset.
-    """
-    return one_of("preset", name, PRESETS)
+    return PRESETS[one_of("preset", name, PRESETS)]
 
 
 def is_pendulum(env: Any) -> bool:
@@ -130,7 +121,7 @@ def choose_preset(named: str | None, env: Any) -> str:
             several presets may fit its variant.
     """
     if named is not None:
-        return preset_name(named)
+        return one_of("preset", named, PRESETS)
     if isinstance(env, AbstractPendulumTask):
         fitting = ", ".join(repr(name) for name in PRESETS if name != ENV_PRESET)
         raise SwingupError(f"no preset was named for this {type(env).__name__}: pass preset=, one of {fitting}")

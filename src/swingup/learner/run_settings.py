@@ -10,7 +10,7 @@ from typing import Any
 
 from ..areapo.config import Config, config_from_dict
 from ..common.arrays import write_json
-from ..common.checks import whole_number
+from ..common.checks import one_of, whole_number
 from ..common.errors import SwingupError
 from ..common.text import one_line, quoted
 from ..common.version import __version__
@@ -19,7 +19,7 @@ from ..plant.robots import ROBOTS, get_robot
 from ..tasks.adapted import AbstractAdaptedTask
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.presets import get_task
-from .presets import choose_preset, get_preset, preset_name
+from .presets import PRESETS, choose_preset, get_preset
 
 SETTINGS_FILE = "config.json"
 
@@ -71,7 +71,7 @@ class RunSettings:
             raise SwingupError(f"{quoted(self.robot or self.env)} is not a robot or an environment")
         if self.robot is not None:
             get_robot(self.robot)
-        object.__setattr__(self, "preset", preset_name(self.preset))
+        one_of("preset", self.preset, PRESETS)
         if self.plant != LEADERBOARD and self.robot is None:
             raise SwingupError(f"a plant goes with a robot, not with {self.name}")
         for each in dataclasses.fields(self):

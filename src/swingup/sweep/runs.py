@@ -15,11 +15,11 @@ from typing import Any
 
 from ..areapo.config import check_hyperparameter, check_value, config_from_dict, format_value, parse_value
 from ..benchmark.comparison import bootstrap_interval, interquartile_mean
-from ..common.checks import is_number, whole_number
+from ..common.checks import is_number, one_of, whole_number
 from ..common.errors import SwingupError
 from ..common.text import one_line
 from ..learner.metrics import METRICS_FILE, read_metrics
-from ..learner.presets import get_preset, preset_name
+from ..learner.presets import PRESETS, get_preset
 from ..learner.rates import RESETS, REWARD_RATE
 from ..learner.run import Run
 from ..learner.run_folder import RunFolder
@@ -107,7 +107,7 @@ def parse_alternatives(name: str, text: str) -> list[Any]:
         SwingupError: the name is unknown, or a value cannot work.
     """
     if name == "preset":
-        return [preset_name(part) for part in text.split(",")]
+        return [one_of("preset", part, PRESETS) for part in text.split(",")]
     check_hyperparameter(name, ["preset"])
     if ":" in text:
         raise SwingupError(f"{name}={text} is a range: give --trials to search it, or alternatives")
