@@ -28,7 +28,7 @@ Gain = Literal["td", "advantage", "none"]
 Terminations = Literal["reset_cost", "adaptive_cost", "bootstrap", "end"]
 Schedule = Literal["constant", "anneal", "anneal_entropy"]
 Pair = tuple[float, float]
-"""Of the reward objective and of the entropy objective."""
+"""A value of the reward objective and one of the entropy objective."""
 
 
 def _number(default: float | Pair, least: float, most: float) -> Any:

@@ -25,7 +25,7 @@ class LearnerState(eqx.Module):
     gain_trace: Scalar
     """z, by which the step size of gains that follow advantages is divided."""
     statistics: RunningStatistics
-    """Of the observations."""
+    """Running statistics of the observations."""
     task_states: Any
     """States of the environments (leading axis: environment); None where the host steps them."""
     observations: Float[Array, "envs n"]
@@ -35,13 +35,13 @@ class LearnerState(eqx.Module):
     reset_cost: Scalar
     """What a termination costs, where it costs something (units of the reward; of their deviation if it adapts)."""
     task_rewards: RunningStatistics
-    """Of the task's rewards, if the cost of a reset is in units of their deviation."""
+    """Statistics of the task's rewards, if the cost of a reset is in units of their deviation."""
     reward_statistics: RunningStatistics
-    """Of the rewards with the cost of a reset, if they are normalised."""
+    """Statistics of the rewards with the cost of a reset, if they are normalised."""
     step_scale: Scalar
     """Factor of the learning rate, if it adapts."""
     sum_statistics: RunningStatistics
-    """Of the fading sums of these rewards, whose deviation is their unit."""
+    """Statistics of the fading sums of these rewards, whose deviation is their unit."""
 
 
 class Rollout(eqx.Module):
@@ -52,7 +52,7 @@ class Rollout(eqx.Module):
     log_probs: Float[Array, "steps envs"]
     rewards: Float[Array, "steps envs"]
     next_observations: Float[Array, "steps envs n"]
-    """Of the state after the step and before any reset."""
+    """Observations of the states after the steps and before any reset."""
     terminated: Bool[Array, "steps envs"]
     truncated: Bool[Array, "steps envs"]
     counted: Float[Array, "steps envs"] | None = None

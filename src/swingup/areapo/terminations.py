@@ -63,7 +63,7 @@ def values_after(
 
     A truncated step is followed by the state before the reset. After a terminated step ``config.terminations``
     decides: nothing of value follows (``end``), or the state before the reset (``bootstrap``), or the new start,
-    for which the reward pays. Where a step is both, the termination decides.
+    for which the reward pays. If a step is both terminated and truncated, it counts as terminated.
     """
     if config.terminations == "bootstrap":
         return _replaced(critic, rollout, rollout.truncated | rollout.terminated, next_rows)

@@ -28,7 +28,7 @@ def interquartile_mean(scores: ArrayLike) -> Any:
         scores: shape (runs,) or (..., runs, tasks).
 
     Raises:
-        SwingupError: the scores have another shape, or one of them is no number.
+        SwingupError: the scores have another shape, or one of them is not a number.
     """
     table = score_table("scores", scores)
     pooled = np.sort(table.reshape(*table.shape[:-2], -1), axis=-1)
@@ -47,7 +47,7 @@ def probability_of_improvement(ours: ArrayLike, theirs: ArrayLike) -> Any:
         theirs: the same tasks in the same order; the number of runs may differ.
 
     Raises:
-        SwingupError: the scores have other shapes, the tasks differ in number, or a score is no number.
+        SwingupError: the scores have other shapes, the tasks differ in number, or a score is not a number.
     """
     mine, other = score_table("ours", ours), score_table("theirs", theirs)
     if mine.shape[-1] != other.shape[-1]:
@@ -71,7 +71,7 @@ def performance_profile(scores: ArrayLike, thresholds: ArrayLike) -> np.ndarray:
         thresholds: shape (thresholds,), in the scores' unit.
 
     Raises:
-        SwingupError: the scores or the thresholds have other shapes, or one of them is no number.
+        SwingupError: the scores or the thresholds have other shapes, or one of them is not a number.
     """
     table, levels = score_table("scores", scores), score_table("thresholds", thresholds)
     if levels.shape[1:] != (1,):
@@ -94,7 +94,7 @@ def bootstrap_interval(statistic: Callable[..., Any], *scores: ArrayLike, resamp
         Low and high ends along the first axis, before the statistic's own axes: shape (2,) or (2, values).
 
     Raises:
-        SwingupError: the scores have another shape, one of them is no number, or there is no resample.
+        SwingupError: the scores have another shape, one of them is not a number, or there is no resample.
     """
     tables = [score_table("scores", each, most=2) for each in scores]
     rng = np.random.default_rng(0)
@@ -117,7 +117,7 @@ def score_table(name: str, scores: ArrayLike, most: int = 3) -> np.ndarray:
     """Scores of the shape (..., runs, tasks), of at most so many axes.
 
     Raises:
-        SwingupError: the scores have another shape, or one of them is no number.
+        SwingupError: the scores have another shape, or one of them is not a number.
     """
     wanted = f"{name} = {quoted(scores)}: use one row for each run, with a number for each task"
     try:

@@ -68,7 +68,7 @@ class TipHistory:
     reach: float
     """l1 + l2 (m)."""
     failure: str | None
-    """Why the run is no success; None if it is one."""
+    """Why the run failed; None if it succeeded."""
     cause: str | None = None
     """The kind of failure, one of ``CAUSES``."""
 

@@ -39,7 +39,7 @@ class DisturbanceSettings:
         pushes: object = self.pushes
         if isinstance(pushes, bool):
             wanted = "use PushRules() for those of the robustness board"
-            raise SwingupError(f"pushes = {pushes} are no rules: {wanted}")
+            raise SwingupError(f"pushes = {pushes} are not rules: {wanted}")
         for name in ("velocity_noise", "torque_noise", "delay"):
             finite_number(name, getattr(self, name), 0.0, LARGEST_DISTURBANCE)
         finite_number("torque_response", self.torque_response, -LARGEST_DISTURBANCE, LARGEST_DISTURBANCE)

@@ -31,7 +31,7 @@ def make_cases(
     it.
 
     Raises:
-        SwingupError: there is no such plant, a value makes no pendulum, or is no disturbance.
+        SwingupError: there is no such plant, a value makes no pendulum, or is not a disturbance.
     """
     nominal = load_plant(plant).driven(robot)
     # Room for pushes in every case: scenarios of one structure can be stacked.

@@ -64,7 +64,7 @@ def prepare(source: Any, robot: Robot, name: str, plant: Plant | None = None) ->
     The name is for messages. A policy that was made for a plant that differs much is said to be so.
 
     Raises:
-        SwingupError: it is no controller, is for another robot, or cannot be compiled; the message names it.
+        SwingupError: it is not a controller, is for another robot, or cannot be compiled; the message names it.
     """
     with naming(name):
         controller = (

@@ -5,7 +5,7 @@ from ..common.checks import whole_number
 LARGEST_SEED = 2**31 - 1
 """Noise keys hold a seed in 32 bits."""
 MOST_SEEDS = 9999
-"""More seeds would narrow no interval that matters; each costs one simulation or hundreds."""
+"""Upper limit on seeds, to catch typing errors."""
 
 
 def check_seeds(seed: int, seeds: int) -> range:

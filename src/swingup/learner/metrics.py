@@ -147,7 +147,7 @@ def read_metrics(path: str | Path) -> list[dict[str, Any]]:
         except (ValueError, TypeError, KeyError, RecursionError, SwingupError) as error:
             # Only the last line can be cut short by a crash; another bad line has a cause that the user must see.
             if number < len(lines):
-                raise SwingupError(f"{path} line {number} is no row of metrics: remove or correct it") from error
+                raise SwingupError(f"{path} line {number} is not a row of metrics: remove or correct it") from error
     return rows
 
 
@@ -161,4 +161,4 @@ def _parse_row(line: str) -> dict[str, Any]:
 
 def _refuse(constant: str) -> None:
     """JSON has neither NaN nor infinities, although Python reads them."""
-    raise ValueError(f"{constant} is no number")
+    raise ValueError(f"{constant} is not a number")

@@ -103,7 +103,7 @@ class RunSettings:
     def task(self) -> AbstractPendulumTask:
         """The pendulum's task that these settings train on."""
         if self.robot is None:
-            raise SwingupError(f"{self.env} is no task of the pendulum")
+            raise SwingupError(f"{self.env} is not a pendulum task")
         return get_task(get_preset(self.preset).task, get_robot(self.robot), self.plant)
 
     def command(self, frames: int) -> str:

@@ -60,7 +60,7 @@ def resume_run(folder: str | Path, frames: int | None = None, env: Any = None) -
     """Continue a run from its last checkpoint, bit for bit; to another number of frames if one is given.
 
     Raises:
-        SwingupError: the folder is no run, has no checkpoint, or its checkpoint is of another configuration.
+        SwingupError: the folder is not a run's, has no checkpoint, or its checkpoint is of another configuration.
     """
     settings, goal = read_run_settings(Path(folder))
     goal = whole_number("frames", goal if frames is None else frames, 1)

@@ -103,7 +103,7 @@ def _more_of_failing(
     settings: DistillationSettings,
     random: np.random.Generator,
 ) -> Int[np.ndarray, "plants"]:
-    """These plants, of which a share gives way to plants that the student does not swing up."""
+    """Replace a share ``failing`` of the plants by plants that the student does not swing up."""
     failing = np.flatnonzero(~swings_up(student, teachers, settings.duration))
     gives_way = random.uniform(size=which.shape) < settings.failing
     return np.where(gives_way, random.choice(failing, which.shape), which) if len(failing) else which

@@ -25,7 +25,7 @@ class DistillationSettings:
     runs: int = 8
     """On each plant in a round."""
     duration: float = 2.5
-    """Of a run (s)."""
+    """Length of a run (s)."""
     thrown: float = 0.5
     """Share of the runs that begin after a throw or hanging still at an angle."""
     still: float = 0.3
@@ -39,7 +39,7 @@ class DistillationSettings:
     slowest: float = 0.4
     """Longest time in which the student's plant goes from the nominal one to the run's (s)."""
     steps: int = 80_000
-    """Of Adam in the first and the last round; half as many in the others."""
+    """Steps of Adam in the first and the last round; half as many in the others."""
     learning_rate: float = 1.5e-3
     """In the first round, 0.6 of it in the others; it falls to 0 on a cosine."""
     batch: int = 2048
@@ -49,27 +49,27 @@ class DistillationSettings:
     anywhere: int = 60_000
     """States from anywhere, with random velocities."""
     anywhere_batch: int = 256
-    """Those in a minibatch."""
+    """States from anywhere in a minibatch."""
     anywhere_weight: float = 0.02
-    """Weight of one of those."""
+    """Weight of a state from anywhere."""
     score_steps: int = 1500
     """Steps after the last round in which the score's own gradient is added; 0 for none."""
     score_rate: float = 3e-4
     """Adam's largest step size in them."""
     score_weight: float = 3.0
-    """Of the score, beside the squared errors of the torque (N² m²)."""
+    """Weight of the score, beside the squared errors of the torque (N² m²)."""
     score_episodes: int = 6
     """Swing-ups of the nominal plant in each of these steps."""
     score_duration: float = 1.8
-    """Of one of them (s)."""
+    """Length of one swing-up (s)."""
     recovery_episodes: int = 48
     """Recoveries on plants that the student is told, in each of these steps; 0 for none."""
     recovery_top: float = 0.5
     """Share of them that begin near the top, the others after throws."""
     recovery_duration: float = 1.5
-    """Of one of them (s)."""
+    """Length of one recovery (s)."""
     recovery_weights: EpisodeWeights = EpisodeWeights(down=3.0, away=2.0, fast=30.0)  # noqa: RUF009 - frozen
-    """Of their measures, beside the squared errors of the torque (N² m²)."""
+    """Weights of the recoveries' measures, beside the squared errors of the torque (N² m²)."""
 
 
 def plant_scale(nominal: np.ndarray, gear: float = GEAR) -> np.ndarray:

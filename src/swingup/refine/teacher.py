@@ -24,15 +24,15 @@ from .analytic_policy_gradient import single_precision
 APART = 4
 """Rows of a swing-up among which the nearest is sought, to one of these: 8 ms."""
 WEIGHTS = (1.0, 1.0, 0.12, 0.12)
-"""Of errors in a distance (1, s): a velocity of 1 rad/s is as far as an angle of 0.12 rad."""
+"""Weights of errors in a distance (1, s): a velocity of 1 rad/s is as far as an angle of 0.12 rad."""
 TOP_COST = 1.5
 """Cost-to-go of the LQR below which it teaches. With 0.5 more than a third of the acrobot's robot plants fell from
 the top once under weak noise of the torques, with this a fifth."""
 ARRIVED = 0.5
 """Cost-to-go where swing-ups end: their rows from there on do not teach."""
 FRICTION = 0.5
-"""Share of the undriven joint's Coulomb friction that the LQR counts on at the top. By itself it hunts: within 6 s
-20 % of the acrobot's drawn plants fell from near the top, with this share 14 %, of the pendubot's 14 % and 6 %."""
+"""Share of the undriven joint's Coulomb friction that the LQR counts on at the top. Without it the LQR limit-cycles:
+within 6 s 20 % (acrobot) and 14 % (pendubot) of the drawn plants fell from near the top; with it 14 % and 6 %."""
 KNEE = 10.0
 """The friction's sign there is taken as 2/π arctan of this times the velocity (s/rad)."""
 COST_WHEN_OVER = 1e6
@@ -67,7 +67,7 @@ class Teachers(eqx.Module):
 
     @property
     def number(self) -> int:
-        """Of plants."""
+        """Number of plants."""
         return len(self.torque)
 
 
