@@ -1,8 +1,8 @@
 """How a continuing task is reported: its reward rate, and its resets per 1,000 steps.
 
 The reward rate is the mean reward of a step, as measured. The gain ρ is the learner's estimate of it for the
-exploring policy, less what its resets cost. A reset is a termination of the task itself. A truncation is not a reset: the
-process would continue, and only the caller starts it anew.
+exploring policy, less what its resets cost. A reset is a termination of the task itself. A truncation is not a
+reset: the process would continue, and only the caller starts it anew.
 """
 
 import contextlib

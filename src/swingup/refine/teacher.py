@@ -31,8 +31,9 @@ the top once under weak noise of the torques, with this a fifth."""
 ARRIVED = 0.5
 """Cost-to-go where swing-ups end: their rows from there on do not teach."""
 FRICTION = 0.5
-"""Share of the undriven joint's Coulomb friction that the LQR counts on at the top. Without it the LQR limit-cycles:
-within 6 s 20 % (acrobot) and 14 % (pendubot) of the drawn plants fell from near the top; with it 14 % and 6 %."""
+"""Share of the undriven joint's Coulomb friction that the LQR counts on at the top. Without it the LQR
+limit-cycles: within 6 s 20 % (acrobot) and 14 % (pendubot) of the drawn plants fell from near the top; with it 14 %
+and 6 %."""
 KNEE = 10.0
 """The friction's sign there is taken as 2/π arctan of this times the velocity (s/rad)."""
 COST_WHEN_OVER = 1e6
