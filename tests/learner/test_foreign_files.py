@@ -59,7 +59,7 @@ def test_configs_rows_and_checkpoints_of_wrong_types(folder):
         assert read_metrics(metrics) == rows
         metrics.write_text(line + "\n" + good)
         refused(read_metrics, metrics, match="line 1 is not a row of metrics")
-    refused(lambda: list(resume_run(folder, 4 * FRAMES).advance()), match="line 1 is no row")
+    refused(lambda: list(resume_run(folder, 4 * FRAMES).advance()), match="line 1 is not a row")
     metrics.write_text(good)
     for text in (*(json.dumps(content | change) for change in CONFIGS), *TEXTS):
         config.write_text(text)
