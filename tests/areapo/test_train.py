@@ -11,7 +11,7 @@ import pytest
 from swingup.areapo import algorithm
 from swingup.areapo.algorithm import loss
 from swingup.areapo.config import Config, config_from_dict
-from swingup.areapo.initial import init_learner
+from swingup.areapo.initial import init_learner, std_share
 from swingup.areapo.terminations import BOOTSTRAP_SIZE, charge_resets
 from swingup.plant.robots import ROBOTS
 from swingup.tasks.presets import smooth_task
@@ -230,10 +230,11 @@ def test_the_learning_rate_follows_the_kl_divergence(collected):
 
 
 def test_actions_share_the_first_deviation():
-    """Four actions of a deviation of 1 together: 1/2 each, whose logarithm is -log 2."""
+    """(2 / m)^(4/3): four actions have 2^(-4/3) each; no more than 1, no less than 0.15."""
     config = dataclasses.replace(CONFIG, log_std_init=0.0, deviation="shared")
     actor = init_learner(jax.random.key(0), Spaces(3, 4), config).actor
-    np.testing.assert_allclose(actor(jnp.zeros(3)).log_std, -np.log(2.0), rtol=1e-5)
+    np.testing.assert_allclose(actor(jnp.zeros(3)).log_std, -4 / 3 * np.log(2.0), rtol=1e-5)
+    assert [std_share(actions) for actions in (1, 2, 17)] == [1.0, 1.0, 0.15]
 
 
 def test_table_one():
