@@ -22,6 +22,15 @@ def test_a_link_keeps_pointing_and_a_mode_stays(tmp_path):
     assert stat.S_IMODE(target.stat().st_mode) == 0o600
 
 
+def test_a_name_may_be_as_long_as_the_system_allows(tmp_path):
+    for name in ("x" * 255, "\N{GREEK SMALL LETTER PI}" * 127):
+        write_atomically(tmp_path / name, b"new")
+        assert (tmp_path / name).read_bytes() == b"new"
+    for name in ("x" * 256, "a\0b"):
+        with pytest.raises(SwingupError, match=r"File name too long|not the name of a file"):
+            write_atomically(tmp_path / name, b"")
+
+
 def test_a_device_is_written_to_and_not_replaced():
     write_atomically("/dev/null", b"gone")
     assert stat.S_ISCHR(os.stat("/dev/null").st_mode)

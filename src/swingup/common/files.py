@@ -23,8 +23,10 @@ def write_atomically(path: str | Path, content: bytes) -> None:
             return
         # Temporary files are private: the new file takes the mode of the old one, or of any new file.
         mode = target.stat().st_mode if target.exists() else 0o666 & ~_umask()
-        # In the same folder, since a rename is atomic only within one file system.
-        with tempfile.NamedTemporaryFile(dir=target.parent, prefix=f".{target.name}.", delete=False) as file:
+        # In the same folder, since a rename is atomic only within one file system; cut short, since the file's name
+        # may be as long as names may be.
+        prefix = f".{target.name[:40]}."
+        with tempfile.NamedTemporaryFile(dir=target.parent, prefix=prefix, delete=False) as file:
             temporary = Path(file.name)
             file.write(content)
             file.flush()
@@ -91,9 +93,12 @@ def _behind_links(path: str | Path) -> Path:
     """The file that a path leads to: a rename would replace a link instead of the file behind it.
 
     Raises:
-        OSError: the link leads to itself.
+        OSError: the link leads to itself, or the name has a null character.
     """
-    target = Path(os.path.realpath(path))
+    try:
+        target = Path(os.path.realpath(path))
+    except ValueError as error:
+        raise OSError(errno.EINVAL, "not the name of a file") from error
     if target.is_symlink():
         raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
     return target
