@@ -242,7 +242,9 @@ def test_files_that_are_no_double_pendulum(write, named):
 def test_what_cannot_be_written(tmp_path):
     plant = load_plant("C.1")
     assert "b1 = -1 is negative" in refusal(save_plant, tmp_path / "x.xml", plant.changed(b1=-1.0))
-    assert "gr = 0 must be positive" in refusal(save_plant, tmp_path / "x.xml", plant.changed(gr=0.0))
+    for gear in (0.0, 1e-200):
+        named = f"gr = {gear:g} must be at least 1e-06"
+        assert named in refusal(save_plant, tmp_path / "x.urdf", plant.changed(gr=gear))
     # m2 r2 = 0.16 and l1 = 0.2: a positive I1 + m2 l1² = 0.057 lets m2 be 1.35 kg at most, so that I2 ≥ 0.019.
     assert "no bodies move as this plant does" in refusal(
         save_plant, tmp_path / "x.urdf", plant.changed(I2=0.015, I1=0.04)

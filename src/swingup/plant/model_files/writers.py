@@ -20,6 +20,8 @@ from .urdf import OURS
 TEMPLATES = {".urdf": "pendulum.urdf", ".xml": "pendulum.xml", ".mjcf": "pendulum.xml"}
 """Texts by the ends of file names."""
 
+LEAST_GEAR = 1e-6
+"""Of a gear ratio whose square divides a rotor's inertia."""
 CHOSEN = ("m1", "m2", "r1", "r2", "I1")
 """Numbers that another plant, which moves alike, may have otherwise."""
 
@@ -41,8 +43,8 @@ def write_model(path: str | Path, name: str, bodies: Mapping[str, float], plant:
             raise SwingupError(
                 f"cannot write {path}: {fact} = {bodies[fact]:g} is negative, which model files may not have"
             )
-    if not bodies["gr"] > 0:
-        raise SwingupError(f"cannot write {path}: gr = {bodies['gr']:g} must be positive")
+    if not bodies["gr"] >= LEAST_GEAR:
+        raise SwingupError(f"cannot write {path}: gr = {bodies['gr']:g} must be at least {LEAST_GEAR:g}")
     if not is_buildable(bodies):
         raise SwingupError(
             f"cannot write {path}: no bodies move as this plant does, whose inertias are below m r²; raise I2"
