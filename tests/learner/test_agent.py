@@ -146,6 +146,7 @@ def test_predict_and_the_policy_file(noisy, tmp_path):
     assert space.contains(single)
     several = noisy.predict(np.zeros((5, 2, 1)))
     np.testing.assert_array_equal(several, np.tile(single, (5, 1)))
+    assert noisy.predict(np.zeros((0, 2, 1))).shape == (0, *space.shape)
     drawn = noisy.predict(np.zeros((200, 2, 1)), deterministic=False)
     assert all(space.contains(action) for action in drawn)
     assert len(np.unique(drawn, axis=0)) == 6
@@ -178,13 +179,16 @@ def test_box_actions_have_the_bounds_of_the_space():
 def test_callbacks_see_reports_and_may_stop():
     frames = []
     model = AREAPO(Noisy, **TINY)
-    # NumPy's comparisons give numpy.False_.
+    # Comparisons of NumPy and JAX give no plain False.
     model.learn(1000, [lambda _, report: frames.append(report.frames), lambda _, r: np.int64(r.frames) < 128])
     assert frames == [64, 128]
     assert model.frames == 128
     # Asked again it goes on.
     assert model.learn(64, lambda _, report: frames.append(str(report))).frames == 192
     assert frames[2].startswith("192 frames, ")
+    for answer in (jnp.array(False), np.array([True, False])):
+        before = model.frames
+        assert model.learn(1000, lambda _, report, answer=answer: answer).frames == before + 64
 
 
 def test_seeds_train_as_each_does_alone(tmp_path):

@@ -161,7 +161,11 @@ class AREAPO:
         for report in self._run.advance():
             # All are called, even after one returned False.
             answers = [each(self, report) for each in callbacks]
-            if any(isinstance(answer, bool | np.bool_) and not answer for answer in answers):
+            # NumPy's and JAX's comparisons give arrays.
+            truths = [
+                each for each in answers if isinstance(each, bool) or getattr(each, "dtype", None) == np.bool_
+            ]
+            if not all(np.all(each) for each in truths):
                 self._run.stop()
         return self
 

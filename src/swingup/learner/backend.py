@@ -1,6 +1,7 @@
 """The interface of a back end, which steps the environments of a run's seeds and evaluates its policies."""
 
 import abc
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
@@ -121,4 +122,4 @@ def batched(observation: Any, shape: tuple[int, ...]) -> tuple[Float[np.ndarray,
             f"observation has shape {values.shape}: pass {shape}, or one axis more in front for several"
         )
     single = values.shape == shape
-    return values.reshape(1 if single else len(values), -1), single
+    return values.reshape(1 if single else len(values), math.prod(shape)), single
