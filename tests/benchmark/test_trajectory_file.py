@@ -113,9 +113,9 @@ def test_files_that_are_no_text(tmp_path):
     assert told(tmp_path / "none.csv").startswith("no such file: ")
     assert told(tmp_path).startswith("cannot read ")
     path = tmp_path / "run.csv"
-    for content in (b"\x93NUMPY\x01\x00v\x00{'descr'", b"\xff\xfet\x00i", bytes(range(256))):
+    for content in (b"\x93NUMPY\x01\x00v\x00{'descr'", b"\xff\xfet\x00i", bytes(range(256)), b'[\n {"time": 0.1}]'):
         path.write_bytes(content)
-        assert "is not text: export the log as CSV, npz or mat" in told(path)
+        assert "is not a table in text: export the log as CSV, npz or mat" in told(path)
         for suffix in (".npz", ".mat"):
             other = path.with_suffix(suffix)
             other.write_bytes(content)

@@ -77,6 +77,7 @@ MORE_CONVENTIONS = {
     "torques swapped, one reversed": (lambda c: {"u1": -c.u2, "u2": c.u1}, "u1=tau_con2 u2=-tau_con1"),
     "torques swapped, degrees": (lambda c: angles(np.degrees)(c) | {"u1": c.u2, "u2": c.u1},
                                  f"{DEGREES} {SWAPPED}"),
+    "N cm": (torques(lambda u: 100 * u), "u1=tau_con1:Ncm u2=tau_con2:Ncm"),
     "deg/s beside rad": (rates(np.degrees), "dq1=vel_meas1:deg/s dq2=vel_meas2:deg/s"),
     "counts of 2000": (angles(lambda q: np.round(q * 2000 / TURN)),
                        "q1=pos_meas1:counts/2000 q2=pos_meas2:counts/2000"),
@@ -168,6 +169,7 @@ FILES = {
     "decimal commas": (as_text(";", ","), ""),
     "tabs and decimal commas": (as_text("\t", ",", encoding="utf-16"), ""),
     "spaces": (as_text("   "), ""),
+    "bars": (as_text("|"), ""),
     "comments": (as_text(above=["# robot: mine, blue", "% 500 Hz"]), ""),
     "quoted": (as_text(names=[f'"{name}"' for name in NAMES], encoding="utf-8-sig"), ""),
     "a row of units": (as_text(";", below=["s;rad;rad;rad/s;rad/s;Nm;Nm"]), ""),
@@ -180,6 +182,8 @@ FILES = {
                        "q1=q0 q2=q1 dq1=dq0 dq2=dq1 u1=tau0 u2=tau1"),
     "german": (as_text(";", ",", GERMAN, encoding="latin-1"), "time=Zeit|q1=Winkel Schulter|q2=Winkel Ellbogen|"
                "dq1=Drehzahl Schulter|dq2=Drehzahl Ellbogen|u1=Drehmoment Schulter|u2=Drehmoment Ellbogen"),
+    "numbers in brackets": (as_text(names=["t", "q[0]", "q[1]", "qd[0]", "qd[1]", "tau[0] (Nm)", "tau[1] (Nm)"]),
+                            "q1=q[0] q2=q[1] dq1=qd[0] dq2=qd[1] u1=tau[0] u2=tau[1]"),
     "torques of other names": (as_text(names=[*NAMES[:5], "torque1", "torque2"]), "u1=torque1 u2=torque2"),
     "one torque": (as_text(names=[*NAMES[:6], "none"]), "u1=tau_con1 u2=0"),
 }  # fmt: skip
@@ -198,6 +202,18 @@ def test_files_of_other_programs(tmp_path, table, name):
         write(tmp_path / "right.csv", table * ([1, 1, 1, 1, 1, 1, 0] if name == "one torque" else 1))
     )
     assert_same(read_recording(path, columns=found), right, steps=1e-9)
+
+
+def test_what_is_missing_is_said(tmp_path, table):
+    names = [*NAMES[:2], "vel1_deg_s", "vel2_deg_s", *NAMES[4:]]
+    message = refusal(read_recording, write(tmp_path / "log.csv", table, ",".join(names)))
+    assert "lacks pos_meas2: map columns with --columns NAME=TITLE" in message
+    names = ["t", "theta1", "theta2", *names[2:6]]
+    message = refusal(read_recording, write(tmp_path / "log.csv", table, ",".join(names)))
+    assert "dq1=vel1_deg_s:deg/s dq2=vel2_deg_s:deg/s" in message
+    (tmp_path / "log.csv").write_text(f"{HEADER}\n" + 9 * "2026-01-01T10:00:00,0,0,0,0,0,0\n")
+    message = refusal(read_recording, tmp_path / "log.csv")
+    assert "column time: '2026-01-01T10:00:00' is not a number: write seconds" in message
 
 
 def put(rows, columns, value):

@@ -223,7 +223,7 @@ def _ending(name: str, title: str) -> str:
     words = re.split(r"[_ ]", title)
     if len(words) == 1:
         return ""
-    for unit in (words[-1], words[-1].lower().removesuffix("s") + "/s"):
+    for unit in (words[-1], "/".join(words[-2:]), words[-1].lower().removesuffix("s") + "/s"):
         try:
             return "" if unit_size(name, unit) == 1.0 else unit
         except SwingupError:

@@ -24,6 +24,8 @@ Names = tuple[str, ...]
 
 MINIMUM_ROWS = 3
 """The swing-up time looks at the rows between the first and the last."""
+UNIT = re.compile(r"[\[(](?!\d+[\])])([^\])]*)")
+"""A unit in brackets at the end of a title; a number in them, as in q[0], belongs to the name."""
 EPOCH = 1e6
 """A time beyond this (in its unit) counts from another day: the clock then starts at 0."""
 
@@ -150,7 +152,7 @@ def _sources(
 
 def _name(title: str) -> str:
     """The name in a column's title: "# time[s]" and "pos1 (rad)" name the columns time and pos1."""
-    return re.split(r"[\[(]", title.lstrip("# "), maxsplit=1)[0].rstrip()
+    return UNIT.split(title.lstrip("# "), maxsplit=1)[0].rstrip()
 
 
 def _place(title: str, header: list[str]) -> int:
@@ -167,7 +169,7 @@ def _with_unit(path: object, name: str, column: Column, cells: Cells, header: li
     for title in titles:
         if header.count(title) > 1:
             raise SwingupError(f"{path} has {header.count(title)} columns {title}: keep one of them")
-    bracket = re.search(r"[\[(]([^\])]*)", cells.titles[_place(titles[0], header)]) if titles else None
+    bracket = UNIT.search(cells.titles[_place(titles[0], header)]) if titles else None
     if column.unit or bracket is None:
         return column
     try:
@@ -195,14 +197,10 @@ def _choose(
     }
     titles = [title for title in header if title and title not in used]
     absent = [name for group, names in zip(groups, best, strict=True) if not names for name in group[0]]
-    words = " ".join(
-        map(
-            quote_word,
-            suggest_columns(
-                titles, [name for names in best if set(names) & set(missing) for name in names] + absent
-            ),
-        )
-    )
+    wanted = [name for names in best if set(names) & set(missing) for name in names]
+    # Where a column is not there at all, those of the others are no help.
+    found = len(suggest_columns(titles, wanted)) == len(wanted)
+    words = " ".join(map(quote_word, suggest_columns(titles, wanted + absent) if found else ()))
     remedy = f"write --columns {words}" if words else "map columns with --columns NAME=TITLE"
     have = quoted(", ".join(filter(None, header)), 200)
     raise SwingupError(
@@ -255,7 +253,8 @@ def _number(
     if not is_number(cell, decimal):
         if gaps and cell.lower() in ("", "na", "n/a", "null", "none", "-"):
             return math.nan
-        raise SwingupError(f"{where}: {quoted(cell[:40])} is not a number: correct it")
+        remedy = "write seconds" if name == "time" and ":" in cell else "correct it"
+        raise SwingupError(f"{where}: {quoted(cell[:40])} is not a number: {remedy}")
     text = str(cell).replace(decimal, ".") if isinstance(cell, str) else cell
     value = float(text)
     if not math.isfinite(value):

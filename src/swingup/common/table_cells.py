@@ -19,7 +19,7 @@ from .mat_file import read_mat
 
 LARGEST_TABLE = 64_000_000
 """Bytes of a file: a minute at 1 kHz with 17 columns has 25 MB."""
-SEPARATORS = (",", ";", "\t", " ")
+SEPARATORS = (",", ";", "\t", " ", "|")
 COMMENTS = ("#", "%", "//")
 SAMPLE = 20
 """Lines that show the separator."""
@@ -79,9 +79,10 @@ def _decoded(path: str | Path, content: bytes) -> str:
             text = content.decode(encoding)
         except UnicodeDecodeError:
             continue
-        if not re.search(r"[\x00-\x08\x0e-\x1f]", text):
+        # JSON is text, and no table either.
+        if not re.match(r"\s*(\{|\[\s*[\[{])", text) and not re.search(r"[\x00-\x08\x0e-\x1f]", text):
             return text
-    raise SwingupError(f"{path} is not text: export the log as CSV, npz or mat")
+    raise SwingupError(f"{path} is not a table in text: export the log as CSV, npz or mat")
 
 
 def _text_cells(text: str) -> Cells:

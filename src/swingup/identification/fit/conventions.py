@@ -96,6 +96,7 @@ CONVENTIONS = (
     Convention("unit", "the angles look like degrees", DEGREE * _SAME),
     Convention("unit", "the angles look like turns", TURN * _SAME),
     Convention("unit of torque", "the torques look like mN m (or mA)", torques=1e-3 * _SAME),
+    Convention("unit of torque", "the torques look like N cm", torques=1e-2 * _SAME),
 )
 """Applied in the order of the table, units first."""
 COUNTS = (*(2**k for k in range(8, 21)), 1000, 2000, 3600, 4000, 7200, 8000, 10000, 20000, 36000, 40000)
