@@ -59,21 +59,22 @@ def kill_and_resume(folder, arguments, cache, kills, seed):
             return resumed
         process = start(words, cache)
         if killed % 4 != 3:  # mostly in the midst of training, sometimes anywhere
-            wait_for_a_report(folder, process)
-        time.sleep(moments.uniform(0.0, 0.4 if killed % 4 != 3 else 4.0))
+            wait_for_reports(folder, process, (newest or 0) // 64 + moments.randint(1, 6))
+        time.sleep(moments.uniform(0.0, 0.1 if killed % 4 != 3 else 4.0))
         process.send_signal(signal.SIGKILL)
         process.communicate()
         assert process.returncode == -signal.SIGKILL, f"came to its end after {killed} kills: give it more frames"
         killed += 1
 
 
-def wait_for_a_report(folder, process):
+def wait_for_reports(folder, process, count):
+    """Wait until the run has so many reports, however slow the machine is."""
     metrics = folder / "metrics.jsonl"
     before = metrics.stat().st_mtime_ns if metrics.exists() else 0
     deadline = time.monotonic() + 120
     while time.monotonic() < deadline and process.poll() is None:
         # The file is rewritten when a run opens it, then it grows with each report.
-        if metrics.exists() and metrics.stat().st_mtime_ns > before and metrics.stat().st_size > 0:
+        if metrics.exists() and metrics.stat().st_mtime_ns > before and metrics.read_text().count("\n") >= count:
             return
         time.sleep(0.005)
 
