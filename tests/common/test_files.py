@@ -26,9 +26,8 @@ def test_a_name_may_be_as_long_as_the_system_allows(tmp_path):
     for name in ("x" * 255, "\N{GREEK SMALL LETTER PI}" * 127):
         write_atomically(tmp_path / name, b"new")
         assert (tmp_path / name).read_bytes() == b"new"
-    for name in ("x" * 256, "a\0b"):
-        with pytest.raises(SwingupError, match=r"File name too long|not the name of a file"):
-            write_atomically(tmp_path / name, b"")
+    assert "File name too long" in refusal(write_atomically, tmp_path / ("x" * 256), b"")
+    assert "not the name of a file" in refusal(write_atomically, tmp_path / "a\0b", b"")
 
 
 def test_a_device_is_written_to_and_not_replaced():
