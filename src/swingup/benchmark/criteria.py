@@ -6,32 +6,19 @@ Sums run over the rows k = 0 .. N-2 with Δt_k = t_{k+1} - t_k, standard deviati
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..loop.supervisors.limits import Limits
 from .rules import Normalisers
 
+if TYPE_CHECKING:
+    from .swing_up_board import SwingUpBoard
+
 # The benchmark's own limit: a file whose last time is below it fails.
 SHARE = 0.99
 """Part of the rules' duration that a run must span to score."""
-
-
-class SwingUpRules(Protocol):
-    """What the criteria need of a board."""
-
-    @property
-    def duration(self) -> float:
-        """Length of a run (s)."""
-
-    @property
-    def height(self) -> float:
-        """Fraction of l1 + l2 above which the tip counts as up."""
-
-    @property
-    def normalisers(self) -> Normalisers:
-        """Divisors of the criteria."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +71,7 @@ class TipHistory:
 
 
 def compute_criteria(
-    time: np.ndarray, x: np.ndarray, u: np.ndarray, l1: float, l2: float, rules: SwingUpRules
+    time: np.ndarray, x: np.ndarray, u: np.ndarray, l1: float, l2: float, rules: "SwingUpBoard"
 ) -> Criteria:
     """The criteria and the score of a trajectory.
 
@@ -118,7 +105,7 @@ def follow_tip(
     x: np.ndarray,
     l1: float,
     l2: float,
-    rules: SwingUpRules,
+    rules: "SwingUpBoard",
     limits: Limits | None = None,
     hold: float | None = None,
 ) -> TipHistory:
@@ -150,7 +137,7 @@ def follow_tip(
 
 
 def _limit_passed(
-    time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: SwingUpRules, limits: Limits | None
+    time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: "SwingUpBoard", limits: Limits | None
 ) -> tuple[str | None, str | None]:
     """Which joint first passed which limit, when and in which phase, and the failure's kind."""
     # Negated, so that a state that has diverged is beyond them.
@@ -194,7 +181,7 @@ def tip_heights(x: np.ndarray, l1: float, l2: float) -> np.ndarray:
     return height
 
 
-def _swingup_time(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: SwingUpRules) -> float | None:
+def _swingup_time(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: "SwingUpBoard") -> float | None:
     # The benchmark looks neither at the first row nor at the last.
     up = tip_is_up(x, l1, l2, rules.height)[1:-1]
     if up.size == 0 or not up[-1]:

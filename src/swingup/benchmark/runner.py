@@ -4,7 +4,7 @@ import functools
 import logging
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import equinox as eqx
 import jax
@@ -43,17 +43,24 @@ _LOGGER = logging.getLogger(__name__)
 _Result: TypeAlias = tuple[SimulationEnd, Trajectory | None]
 
 
-@jax.jit(static_argnames=("static", "dt", "steps", "depth", "keep", "batched"))
-def _simulate(
-    scenarios: Scenario, arrays: Any, static: Any, dt: float, steps: int, depth: int, keep: bool, batched: bool
-) -> _Result:
+class _Span(NamedTuple):
+    """What is simulated of each scenario, and kept: static in a compiled program."""
+
+    dt: float
+    steps: int
+    depth: int
+    keep: bool
+
+
+@jax.jit(static_argnames=("static", "span", "batched"))
+def _simulate(scenarios: Scenario, arrays: Any, static: Any, span: _Span, batched: bool) -> _Result:
     """Compiled simulations of one controller, split into its numbers and the rest."""
     controller = eqx.combine(arrays, static)
 
     def one(scenario: Scenario) -> _Result:
         # Rows that are not kept must not leave the scan: those of a whole grid take 200 MB.
-        end, rows = simulate(scenario, controller, jnp.zeros(4), dt, steps, depth)
-        return end, rows if keep else None
+        end, rows = simulate(scenario, controller, jnp.zeros(4), span.dt, span.steps, span.depth)
+        return end, rows if span.keep else None
 
     return jax.vmap(one)(scenarios) if batched else one(scenarios)
 
@@ -120,8 +127,10 @@ def run_many(
     than the largest delay (steps), ``keep`` asks for the rows as well. ``progress`` is called after each part of
     the batch.
     """
-    run = _run_plain if isinstance(controller, PythonController) else _run_compiled
-    return run(controller, scenarios, dt, steps, depth, keep, progress)  # type: ignore[arg-type]  # as it is
+    span = _Span(dt, steps, depth, keep)
+    if isinstance(controller, PythonController):
+        return _run_plain(controller, scenarios, span, progress)
+    return _run_compiled(controller, scenarios, span, progress)
 
 
 def stack(trees: Sequence[TreeT]) -> TreeT:
@@ -135,13 +144,7 @@ def _length(scenarios: Scenario) -> int:
 
 
 def _run_compiled(
-    controller: AbstractController[Any],
-    scenarios: Scenario,
-    dt: float,
-    steps: int,
-    depth: int,
-    keep: bool,
-    progress: Progress | None,
+    controller: AbstractController[Any], scenarios: Scenario, span: _Span, progress: Progress | None
 ) -> SimulatedBatch:
     """One batch on an accelerator; on a CPU batches of one shape in a thread for each core, and one run alone.
 
@@ -153,8 +156,8 @@ def _run_compiled(
         # Without a batch a controller skips the branch that it does not take.
         alone = jax.tree.map(lambda leaf: leaf[0], scenarios)
         with jax.enable_x64(True), blaming("running it"):
-            result = _simulate(alone, arrays, static, dt, steps, depth, keep, batched=False)
-            return _batch(jax.tree.map(lambda leaf: np.asarray(leaf)[None], result), dt)
+            result = _simulate(alone, arrays, static, span, batched=False)
+            return _batch(jax.tree.map(lambda leaf: np.asarray(leaf)[None], result), span.dt)
     on_cpu = jax.default_backend() == "cpu"
     threads = cores() if on_cpu else 1
     most = SMALLEST_BATCH if on_cpu and _is_sparing(controller) else -(-number // threads)
@@ -167,7 +170,7 @@ def _run_compiled(
         with jax.enable_x64(True):  # which is a setting of the thread
             piece = jax.tree.map(lambda leaf: leaf[part * size : (part + 1) * size], padded)
             with blaming("running it"):
-                result = _simulate(piece, arrays, static, dt, steps, depth, keep, batched=True)
+                result = _simulate(piece, arrays, static, span, batched=True)
                 # Converted in this thread: the call above returns before its result is computed.
                 return jax.tree.map(np.asarray, result)
 
@@ -179,7 +182,7 @@ def _run_compiled(
                 progress(min(len(results) * size, number), number)
     finally:  # an interrupt must not wait for the parts that still run
         pool.shutdown(wait=False, cancel_futures=True)
-    return _batch(jax.tree.map(lambda *leaves: np.concatenate(leaves)[:number], *results), dt)
+    return _batch(jax.tree.map(lambda *leaves: np.concatenate(leaves)[:number], *results), span.dt)
 
 
 def _batch(result: _Result, dt: float) -> SimulatedBatch:
@@ -195,28 +198,21 @@ def _is_sparing(controller: AbstractController[Any]) -> bool:
 
 
 def _run_plain(
-    controller: PythonController,
-    scenarios: Scenario,
-    dt: float,
-    steps: int,
-    depth: int,
-    keep: bool,
-    progress: Progress | None,
+    controller: PythonController, scenarios: Scenario, span: _Span, progress: Progress | None
 ) -> SimulatedBatch:
     number, runs = _length(scenarios), list[SimulatedBatch]()
     copies = controller.copies(min(SIDE_BY_SIDE, number))
 
     def timed(step: float, call: float) -> None:
-        announce(step * steps * -(-number // len(copies)), call, number)
+        announce(step * span.steps * -(-number // len(copies)), call, number)
 
     for start in range(0, number, len(copies)):
         part = jax.tree.map(lambda leaf, start=start: leaf[start : start + len(copies)], scenarios)
         with jax.enable_x64(True):
-            runs.append(
-                simulate_on_host(part, copies[: _length(part)], dt, steps, depth, keep, None if runs else timed)
-            )
+            own = copies[: _length(part)]
+            runs.append(simulate_on_host(part, own, *span, None if runs else timed))
         if progress is not None:
             progress(min(start + len(copies), number), number)
-    rows = jax.tree.map(lambda *parts: np.concatenate(parts), *[run.trajectory for run in runs]) if keep else None
+    rows = jax.tree.map(lambda *parts: np.concatenate(parts), *[run.trajectory for run in runs])  # or None
     faults = [fault for run in runs for fault in run.faults]
     return SimulatedBatch(np.concatenate([run.final for run in runs]), faults, rows, runs[0].call_time)

@@ -27,7 +27,7 @@ from ..controllers.baselines.continuation import SwingUps, continue_swingups, no
 from ..controllers.baselines.continuation_settings import ContinuationSettings
 from ..controllers.stack.controller import PolicyController, plant_of
 from ..controllers.stack.policy import Policy
-from ..loop.domain import Domain, load_domain
+from ..loop.domain import Domain
 from ..plant.base_parameters import BASE, base_parameters
 from ..plant.plant import LEADERBOARD, Plant
 from ..plant.robots import Robot
@@ -35,7 +35,7 @@ from ..tasks.observation import PendulumStage, PlantStage
 from .analytic_policy_gradient import PolicyGradientSettings, batch_cost, single_precision, with_actor
 from .dataset import Dataset, dagger_rollouts, swings_up, uniform_states
 from .distillation_settings import DistillationSettings, plant_scale
-from .plant_draws import RECORDED, draw_plants
+from .plant_draws import draw_plants
 from .recoveries import Recoveries, make_recoveries, recovery_cost
 from .teacher import Teachers, make_teachers
 
@@ -54,7 +54,7 @@ def distil(
     settings: DistillationSettings,
     random: np.random.Generator,
     tell: Callable[[PolicyController, int], None] = lambda _, __: None,
-    domain: Domain | str = RECORDED,
+    domain: Domain | None = None,
     progress: Progress = lambda _, __, ___: None,
 ) -> PolicyController:
     """A policy that sees its plant, from nothing but teachers.
@@ -63,8 +63,7 @@ def distil(
     each round with the student and the number of rounds so far, and once more at the end.
     """
     robot, nominal = recovery.robot, plant_of(recovery)
-    around = domain if isinstance(domain, Domain) else load_domain(domain)
-    targets = draw_plants(random, robot, settings.draws, nominal, around)
+    targets = draw_plants(random, robot, settings.draws, nominal, domain)
     start = LEADERBOARD if nominal.values() == LEADERBOARD.driven(robot).values() else nominal
     swingups = _swingups(robot, targets, settings.nominal, start, partial(progress, "swing-ups"))
     teachers, recovery = make_teachers(swingups, nominal), single_precision(recovery)

@@ -48,7 +48,7 @@ class ClosedLoop:
         """Ready for JSON."""
         runs = {"recorded": self.recorded, "simulated": self.simulated}
         head = {"domain": {"name": self.domain.name} | self.domain.as_dict()}
-        return head | {name: run.as_dict() | {"speed": top_speed(run)} for name, run in runs.items()}
+        return head | {name: run.as_dict() | {"speed": run.runs[0].speed} for name, run in runs.items()}
 
 
 @dataclass(frozen=True)
@@ -145,9 +145,3 @@ def close_loop(
         for rows, each in ((measured, recording.name), (simulated, name))
     ]
     return ClosedLoop(domain, *found)
-
-
-def top_speed(run: Result) -> float:
-    """Largest speed of a joint (rad/s)."""
-    assert run.trajectory is not None
-    return float(np.abs(run.trajectory.x[:, 2:]).max())

@@ -24,7 +24,7 @@ from ..identification.open_loop import (
 )
 from ..identification.results import NARROW, OFFSET_SIZE
 from ..plant.robots import get_robot
-from .compare import ClosedLoop, Comparison, top_speed
+from .compare import ClosedLoop, Comparison
 from .figure import DASHED, DOTS, LINE, THIN, Curve, Figure, Panel
 from .figures import TIME
 
@@ -215,7 +215,7 @@ def _thinned(rows: Trajectory) -> Rows:
 def _outcome(name: str, run: Result) -> list[str]:
     criteria = run.criteria
     outcome = "up" if criteria.success else run.tip.failure or "failure"
-    values = (criteria.swingup_time, run.tip.percent, top_speed(run), criteria.energy, criteria.torque_cost)
+    values = (criteria.swingup_time, run.tip.percent, run.runs[0].speed, criteria.energy, criteria.torque_cost)
     return [name, outcome, *map(shown, values)]
 
 

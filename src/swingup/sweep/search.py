@@ -21,7 +21,6 @@ from ..common.errors import SwingupError
 from ..common.text import one_line, quoted
 from ..learner.run_folder import RunFolder
 from ..learner.run_settings import RunSettings, make_run_settings
-from ..plant.plant import LEADERBOARD, PlantLike
 from .runs import (
     MOST_RUNS,
     Job,
@@ -75,16 +74,14 @@ def search(
     trials: int,
     out: str | Path,
     *,
-    preset: str | None = None,
     frames: int | None = None,
     seed: int = 0,
     seeds: int = 1,
-    plant: PlantLike = LEADERBOARD,
     pruning: bool = True,
     workers: int | None = None,
     executor: Executor | None = None,
     progress: Callable[["FrozenTrial"], None] | None = None,
-    **intervals: Any,
+    **settings: Any,
 ) -> "Study":
     """Search for hyperparameters with Optuna; the same call again goes on.
 
@@ -96,16 +93,15 @@ def search(
             or a range such as ``1e-4:1e-2``, or ``1e-4:1e-2:log``, in which equal ratios are equally likely.
         trials: number of trials, those of earlier calls included.
         out: the folder of the search.
-        preset: named settings of what does not vary; by default those of the task.
         frames: length of each run; by default the preset's, of several presets the longest.
         seed: the first seed of each trial, from which the suggestions follow as well.
         seeds: how many seeds each trial trains, one after the other.
-        plant: the robot's pendulum.
         pruning: whether trials that are worse than the median of the others are cut short.
         workers: trials side by side; by default one for every two cores, or with an executor 1.
         executor: runs the trials, such as Dask's ``Client.get_executor()``; by default local processes.
         progress: called with each trial that ends.
-        intervals: ``evaluate_every``, ``checkpoint_every`` and ``evaluation_episodes``.
+        settings: ``preset`` and ``plant`` of what does not vary, by default those of the task, and
+            ``evaluate_every``, ``checkpoint_every`` and ``evaluation_episodes``.
 
     Returns:
         Optuna's study. A trial's value is the interquartile mean of its seeds' last scores; of a pruned one, the
@@ -119,7 +115,7 @@ def search(
     if not isinstance(env, str) or not isinstance(space, Mapping) or not space:
         raise SwingupError(f"env = {quoted(env)}, space = {quoted(space)}: name a Gymnasium id, and what varies")
     distributions = {name: _distribution(name, text) for name, text in space.items()}
-    base = make_run_settings(env, preset, plant=plant, **intervals)
+    base = make_run_settings(env, **settings)
     length = (
         longest(space.get("preset", base.preset).split(","))
         if frames is None
