@@ -56,25 +56,21 @@ NAMES = value_of(split_commas, "NAME...", "*")
 ROBOT = value_of(get_robot, "ROBOT")
 EACH = arg(help="acrobot, pendubot or all.", help_behavior_hint="(default: all)")
 RobotName = Positional[Annotated[Robot, ROBOT, arg(help="acrobot or pendubot.")]]
-RobotOrNone = Positional[Annotated[Robot | None, ROBOT, optional(text="acrobot or pendubot.")]]
+RobotOrNone = Positional[Annotated[Robot | None, ROBOT, arg(help="acrobot or pendubot.")]]
 RobotOrAll = Positional[Annotated[Sequence[Robot], value_of(_robots, "ROBOT"), EACH]]
-OptionalRobot = Annotated[Robot | None, ROBOT, optional()]
+OptionalRobot = Annotated[Robot | None, ROBOT]
 """An option, where a log or a file may say it."""
-OptionalText = Annotated[str | None, optional()]
-OptionalInt = Annotated[int | None, optional()]
-OptionalFloat = Annotated[float | None, optional()]
-OptionalFile = Annotated[str | None, optional("FILE")]
-OptionalDomain = Annotated[str | None, optional("DOMAIN")]
+OptionalFile = Annotated[str | None, arg(metavar="FILE")]
+OptionalDomain = Annotated[str | None, arg(metavar="DOMAIN")]
 ControllerName = Annotated[
     str, arg(metavar="NAME", help=f"{', '.join(BUILT_IN)}, a policy file (.safetensors), or module:object.")
 ]
 ControllerNames = Annotated[
-    tuple[str, ...], NAMES, optional(text="controllers of yours: policy files or module:object.")
+    tuple[str, ...], NAMES, arg(help="controllers of yours: policy files or module:object.")
 ]
 Names = Annotated[tuple[str, ...], NAMES]
-OptionalNames = Annotated[tuple[str, ...], NAMES, optional()]
 PLANTS = f"{', '.join(SHIPPED_PLANTS)}, {PLANT_FILES}"
-PlantOutputs = Annotated[tuple[str, ...], NAMES, optional("FILE...")]
+PlantOutputs = Annotated[tuple[str, ...], NAMES, arg(metavar="FILE...")]
 
 
 class DisturbanceOptions(TypedDict, total=False):

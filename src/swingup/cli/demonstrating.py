@@ -18,7 +18,7 @@ from ..plant.robots import ROBOTS, Robot
 from ..policy.shipped import load_policy
 from ..report.make import trained_section
 from ..report.page import page_template, render_page
-from .arguments import OptionalInt, OptionalText, RobotName
+from .arguments import RobotName
 from .output import tell
 from .parsing import program_typed
 from .progress import Progress
@@ -59,8 +59,8 @@ def demo_command(
     robot: RobotName = ACROBOT,
     /,
     seed: int = 0,
-    frames: OptionalInt = None,
-    out: OptionalText = None,
+    frames: int | None = None,
+    out: str | None = None,
 ) -> int:
     """Train a policy, show its progress, score it beside known controllers, and write a page of its swing-up.
 

@@ -25,7 +25,7 @@ from ..policy.guard.settings import GUARD, GuardSettings, choose_guard
 from ..policy.pendulum import PendulumPolicy
 from ..policy.plant_facts import write_plant
 from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_policy, shipped_file
-from .arguments import NO_PLANT, OptionalFloat, OptionalInt, OptionalRobot, PlantOptions, plant_of, word_of
+from .arguments import NO_PLANT, OptionalRobot, PlantOptions, plant_of, word_of
 from .output import tell
 from .parsing import command_line
 
@@ -56,10 +56,10 @@ def export_command(
     username: str = "swingup",
     name: str = NAME,
     guard: bool = True,
-    velocity_limit: OptionalFloat = None,
-    braking: OptionalFloat = None,
+    velocity_limit: float | None = None,
+    braking: float | None = None,
     plant: PlantOptions = NO_PLANT,
-    seed: OptionalInt = None,
+    seed: int | None = None,
 ) -> int:
     """Write a policy for RealAIGym, CloudPendulum, ONNX Runtime or C, or the swing-up that a baseline follows.
 

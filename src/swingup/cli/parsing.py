@@ -10,10 +10,10 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_args, get_type_hints, is_typeddict
+from typing import Annotated, Any, get_args, get_type_hints, is_typeddict
 
 import tyro
-from tyro.conf import DisallowNone, OmitArgPrefixes
+from tyro.conf import DisallowNone, OmitArgPrefixes, arg
 from tyro.constructors import PrimitiveConstructorSpec
 
 from ..common.checks import suggestion
@@ -146,7 +146,14 @@ def _bound(function: Command) -> Callable[..., Ready]:
 
     # The help wraps lines itself: an argument's text is one line. Tyro would read the function's own docstring.
     bind.__doc__ = re.sub(r"\n {12}\s*", " ", function.__doc__ or "")
-    vars(bind)["__signature__"] = inspect.signature(vars(bind).pop("__wrapped__"))
+    signature = inspect.signature(vars(bind).pop("__wrapped__"))
+    types = get_type_hints(function, include_extras=True)
+    for name, parameter in signature.parameters.items():
+        if parameter.default in (None, ()):  # the text says what then happens, in place of "(default: None)"
+            types[name] = Annotated[types[name], arg(help_behavior_hint="")]
+    parameters = [each.replace(annotation=types[name]) for name, each in signature.parameters.items()]
+    vars(bind)["__signature__"] = signature.replace(parameters=parameters)
+    bind.__annotations__ = types
     return bind
 
 

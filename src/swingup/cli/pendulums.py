@@ -25,13 +25,11 @@ from ..report.save import PAGE_FORMATS, save_log_report
 from .arguments import (
     PLANT_FORMATS,
     PLANTS,
+    Names,
     OptionalDomain,
-    OptionalFloat,
-    OptionalNames,
     PlantOutputs,
     check_outputs,
     named_values,
-    optional,
     word_of,
 )
 from .output import tell, tell_json, tell_table
@@ -52,11 +50,11 @@ ROWS = {
 
 def plant_command(
     source: Positional[
-        Annotated[str | None, optional("PLANT", f"{PLANTS}; without it the values say all.")]
+        Annotated[str | None, arg(metavar="PLANT", help=f"{PLANTS}; without it the values say all.")]
     ] = None,
     /,
-    set: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], optional("NAME=VALUE...")] = (),
-    inertia: Annotated[str | None, word_of("inertia", *READINGS), optional()] = None,
+    set: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME=VALUE...")] = (),
+    inertia: Annotated[str | None, word_of("inertia", *READINGS)] = None,
     out: PlantOutputs = (),
     json: bool = False,
 ) -> int:
@@ -105,13 +103,13 @@ def _pair(plant: Plant, name: str) -> Sequence[str]:
 def excite_command(
     out: Annotated[str, arg(metavar="FILE.csv")],
     plant: Annotated[
-        str | None, optional("PLANT", f"the robot, as far as it is known: {PLANTS}; default: C.1.")
+        str | None, arg(metavar="PLANT", help=f"the robot, as far as it is known: {PLANTS}; default: C.1.")
     ] = None,
     domain: OptionalDomain = None,
     joint: Annotated[str, word_of("joint", "both", "shoulder", "elbow")] = "both",
     duration: float = 10.0,
-    torque: OptionalFloat = None,
-    speed: OptionalFloat = None,
+    torque: float | None = None,
+    speed: float | None = None,
     angle: float = 3.0,
     alone: bool = False,
     seed: int = 0,
@@ -188,10 +186,10 @@ def identify_command(
     out: PlantOutputs = (),
     known: KnownValues = (),
     sessions: Sessions = (),
-    columns: OptionalNames = (),
+    columns: Names = (),
     force: bool = False,
     seed: int = 0,
-    page: Annotated[str | None, optional("FILE.html")] = None,
+    page: Annotated[str | None, arg(metavar="FILE.html")] = None,
     json: bool = False,
 ) -> int:
     """Fit a pendulum's parameters and its loop to logs; takes a minute or less for five logs of 10 s.

@@ -13,7 +13,7 @@ from ..common.files import check_writable
 from ..rehearsal.process import CALLING
 from ..rehearsal.rehearse import rehearse
 from ..rehearsal.result import Rehearsal, spread
-from .arguments import OptionalDomain, OptionalFile, OptionalFloat, OptionalInt, OptionalRobot, optional
+from .arguments import OptionalDomain, OptionalFile, OptionalRobot
 from .output import aligned, tell, tell_json
 from .progress import Progress
 from .results import WIDTH, result_lines
@@ -22,13 +22,13 @@ from .results import WIDTH, result_lines
 def rehearse_command(
     folder: Positional[Annotated[str, arg(metavar="FOLDER")]],
     /,
-    plant: Annotated[str | None, optional("PLANT")] = None,
+    plant: Annotated[str | None, arg(metavar="PLANT")] = None,
     domain: OptionalDomain = None,
     robot: OptionalRobot = None,
     board: str = SIM2REAL.name,
-    duration: OptionalFloat = None,
+    duration: float | None = None,
     seed: int = 0,
-    seeds: OptionalInt = None,
+    seeds: int | None = None,
     real_time: bool = False,
     timeout: float = CALLING,
     json: bool = False,

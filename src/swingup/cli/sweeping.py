@@ -18,7 +18,7 @@ from ..learner.run_settings import make_run_settings
 from ..sweep.runs import Job, Row, parse_alternatives, plan_jobs, run_jobs, summarise
 from ..sweep.search import best_trial, search, trial_row
 from ..sweep.workers import workers_for
-from .arguments import NO_PLANT, OptionalInt, OptionalText, PlantOptions, RobotOrNone, plant_of, task_name
+from .arguments import NO_PLANT, PlantOptions, RobotOrNone, plant_of, task_name
 from .output import tell, tell_json, tell_table
 from .progress import Progress
 from .training import DEFAULT_RUN, RunOptions
@@ -33,7 +33,7 @@ Assignments = Annotated[
     arg(
         metavar="NAME=VALUE,...",
         help="alternatives of hyperparameters or of preset, as learning_rate=3e-4,5e-4 policy_layers=64x64,128x128;"
-        " with --trials also ranges LOW:HIGH or LOW:HIGH:log.",
+        " with --trials also ranges LOW:HIGH or LOW:HIGH:log. Repeatable.",
     ),
 ]
 """One option may name several; given again, it adds to them."""
@@ -43,14 +43,14 @@ def sweep_command(
     robot: RobotOrNone = None,
     /,
     set: Assignments = (),
-    trials: OptionalInt = None,
+    trials: int | None = None,
     pruning: bool = True,
-    seeds: OptionalInt = None,
+    seeds: int | None = None,
     seed: int = 0,
-    frames: OptionalInt = None,
-    out: OptionalText = None,
-    workers: OptionalInt = None,
-    scheduler: OptionalText = None,
+    frames: int | None = None,
+    out: str | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
     run: RunOptions = DEFAULT_RUN,
     plant: PlantOptions = NO_PLANT,
     json: bool = False,

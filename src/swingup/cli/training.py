@@ -23,8 +23,6 @@ from ..learner.run_settings import is_continuing, make_run_settings, read_run_se
 from ..learner.start import resume_run, start_run
 from .arguments import (
     NO_PLANT,
-    OptionalInt,
-    OptionalText,
     PlantOptions,
     RobotOrNone,
     judged_name,
@@ -99,11 +97,11 @@ FROM_PRESET: HyperparameterOptions = {}
 def train_command(
     robot: RobotOrNone = None,
     /,
-    frames: OptionalInt = None,
-    seed: OptionalInt = None,
-    seeds: OptionalInt = None,
-    out: OptionalText = None,
-    resume: OptionalText = None,
+    frames: int | None = None,
+    seed: int | None = None,
+    seeds: int | None = None,
+    out: str | None = None,
+    resume: str | None = None,
     run: RunOptions = DEFAULT_RUN,
     plant: PlantOptions = NO_PLANT,
     hyperparameters: HyperparameterOptions = FROM_PRESET,
