@@ -3,6 +3,7 @@
 import abc
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from statistics import fmean
 from typing import Any, ClassVar
 
 from ..loop.domain import Domain
@@ -10,7 +11,7 @@ from ..plant.plant import Plant
 from ..plant.robots import Robot
 from .criteria import Criteria, TipHistory
 from .disturbances import DisturbanceSettings
-from .interval import Interval
+from .interval import Interval, mean_interval
 from .rollout import Scenario, Trajectory
 
 
@@ -85,6 +86,13 @@ class Run:
 
 Summary = tuple[dict[str, float | None], dict[str, Interval]]
 """Values by the board's columns, and 95 % intervals of those that several runs have."""
+
+
+def summed_scores(runs: Sequence[Run]) -> Summary:
+    """The best score of the runs and their mean, with its interval where there are several."""
+    scores = [run.score for run in runs]
+    interval = {"score": mean_interval(scores, 0.0, 1.0)} if len(runs) > 1 else {}
+    return {"best": max(scores), "score": fmean(scores)}, interval
 
 
 @dataclass(frozen=True, kw_only=True)

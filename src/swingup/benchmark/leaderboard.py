@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any
@@ -137,12 +137,13 @@ def entrants_for(
     Raises:
         SwingupError: another controller has a name of ours.
     """
-    _check_names(others, names)  # before controllers are made, which takes seconds
+    # Before controllers are made, which takes seconds.
+    taken = sorted({*others} & {*names, *(f"{name}{ALONE}" for name in names)})
+    if taken:
+        raise SwingupError(f"controller {taken[0]!r} is on the board already: give yours another name")
     ours = {name: get_controller(name, robot, plant=designs_for(name, plant)) for name in names}
     twice = [name for name in names if alone and has_estimator(ours[name])]
     ours |= {f"{name}{ALONE}": get_controller(name, robot, False, designs_for(name, plant)) for name in twice}
-    # Again, for the names without an estimator: they are known only now.
-    _check_names(others, ours)
     return ours | dict(others)
 
 
@@ -178,12 +179,6 @@ def shipped_robustness(robot: Robot, name: str) -> Row:
     made = f"seed {result['seeds'][0]}, version {result['version']}, {result['command']}"
     values = {column: result[column] for column in BOARDS["robustness"].columns}
     return Row(name, OURS, values, f"shipped: {made}; --recompute repeats it")
-
-
-def _check_names(others: Iterable[str], ours: Iterable[str]) -> None:
-    taken = sorted(set(others) & set(ours))
-    if taken:
-        raise SwingupError(f"controller {taken[0]!r} is on the board already: give yours another name")
 
 
 def _table(

@@ -13,11 +13,10 @@ from ..loop.draw import draw
 from ..loop.supervisors.limits import Limits, Stop
 from ..plant.robots import Robot
 from ..plant.units import scaled, scales_of
-from .board import AbstractBoard, Case, Run, Setting, Summary
+from .board import AbstractBoard, Case, Run, Setting, Summary, summed_scores
 from .columns import PERFORMANCE
 from .criteria import SHARE, compute_criteria, failed, follow_tip
 from .disturbances import draw_pushes
-from .interval import mean_interval
 from .rollout import Scenario, Trajectory
 from .rules import Normalisers, PushRules
 
@@ -112,11 +111,9 @@ class SwingUpBoard(AbstractBoard):
 
     def summarise(self, runs: Sequence[Run], seeds: Sequence[int]) -> Summary:
         """Means over the runs; a swing-up time is that of the successes."""
-        scores = [run.score for run in runs]
-        intervals = {"score": mean_interval(scores, 0.0, 1.0)} if len(runs) > 1 else {}
+        values, intervals = summed_scores(runs)
         if self.domain is not None:
-            share = 100.0 * sum(run.success for run in runs) / len(runs)
-            return {"swingups": share, "best": max(scores), "score": fmean(scores)}, intervals
+            return {"swingups": 100.0 * sum(run.success for run in runs) / len(runs), **values}, intervals
         return {name: _mean([getattr(run.criteria, name) for run in runs]) for name in PERFORMANCE}, intervals
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from statistics import fmean
 from typing import Annotated
 
 import jax
@@ -17,9 +16,8 @@ from ..loop.supervisors.supervisor import AbstractSupervisor
 from ..loop.supervisors.throws import THROWER, Thrower, Throws
 from ..plant.plant import Plant
 from ..plant.units import TIME, scaled, scales_of
-from .board import AbstractBoard, Case, Run, Setting, Summary
+from .board import AbstractBoard, Case, Run, Setting, Summary, summed_scores
 from .criteria import SHARE, TipHistory, time_up, tip_heights, tip_is_up
-from .interval import mean_interval
 from .rollout import Scenario, Trajectory
 
 
@@ -103,11 +101,8 @@ class UptimeBoard(AbstractBoard):
 
     def summarise(self, runs: Sequence[Run], seeds: Sequence[int]) -> Summary:
         """The mean over the seeds, and its interval."""
-        scores = [run.score for run in runs]
-        best = {} if self.domain is None else {"best": max(scores)}
-        return {**best, "score": fmean(scores)}, (
-            {"score": mean_interval(scores, 0.0, 1.0)} if len(runs) > 1 else {}
-        )
+        values, intervals = summed_scores(runs)
+        return {name: values[name] for name in self.columns}, intervals
 
 
 def draw_throws(board: UptimeBoard, model: Plant, seed: int) -> Throws:

@@ -2,7 +2,6 @@
 
 import itertools
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated
 
@@ -16,7 +15,7 @@ from ..identification.identify import identify
 from ..loop.domain import Domain, load_domain
 from ..plant.measured import MeasuredPlant, measured_plant
 from ..plant.model_files.bodies import READINGS
-from ..plant.plant import Plant, is_model_file, load_plant
+from ..plant.plant import is_model_file, load_plant
 from ..plant.robots import ROBOTS
 from ..plant.save import save_plant
 from ..plant.units import torque_over_gravity
@@ -86,7 +85,8 @@ def plant_command(
 
 def _show_plant(found: MeasuredPlant) -> None:
     plant = found.plant
-    rows = [[f"{text}", f"{name}1, {name}2", *_pair(plant, name)] for name, text in ROWS.items()]
+    numbers = {name: [f"{getattr(plant, f'{name}{link}'):.4g}" for link in (1, 2)] for name in ROWS}
+    rows = [[text, f"{name}1, {name}2", *numbers[name]] for name, text in ROWS.items()]
     tell_table(["", "names", "link 1", "link 2"], rows, texts=2, title=str(plant))
     ratios = ", ".join(f"{name} {torque_over_gravity(plant.driven(robot)):.3g}" for name, robot in ROBOTS.items())
     tell(
@@ -94,10 +94,6 @@ def _show_plant(found: MeasuredPlant) -> None:
         f"torque over gravity: {ratios}",
         *found.notes,
     )
-
-
-def _pair(plant: Plant, name: str) -> Sequence[str]:
-    return [f"{getattr(plant, f'{name}{link}'):.4g}" for link in (1, 2)]
 
 
 def excite_command(

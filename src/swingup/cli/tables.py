@@ -35,11 +35,6 @@ def show_parts(parts: Sequence[Part], notes: Sequence[str]) -> None:
     tell(*notes)
 
 
-def tables_as_json(tables: Sequence[Table]) -> str:
-    """One list of rows."""
-    return json.dumps([row for table in tables for row in table.as_dicts()], indent=2)
-
-
 def tables_as_csv(tables: Sequence[Table]) -> str:
     """One table for all boards, with the columns of each."""
     rows = [row for table in tables for row in table.as_dicts()]
@@ -52,16 +47,12 @@ def tables_as_csv(tables: Sequence[Table]) -> str:
     return text.getvalue().rstrip("\n")
 
 
-def tables_as_markdown(tables: Sequence[Table]) -> str:
-    """One table for each table."""
-    return "\n\n".join(_markdown(table) for table in tables)
-
-
 TABLE_FORMATS: dict[str, Callable[[Sequence[Table]], str]] = {
-    "json": tables_as_json,
+    "json": lambda tables: json.dumps([row for table in tables for row in table.as_dicts()], indent=2),
     "csv": tables_as_csv,
-    "markdown": tables_as_markdown,
+    "markdown": lambda tables: "\n\n".join(map(_markdown, tables)),
 }
+"""Texts of several tables: one list of rows, one table with the columns of all, or a table each."""
 
 
 def _markdown(table: Table) -> str:

@@ -193,10 +193,7 @@ def _show_rates(run: Run) -> None:
     rows = [row for row in read_metrics(run.folder / METRICS_FILE) if row["seed"] == run.settings.seed]
     lines = []
     for part in filter(len, np.array_split(np.array(rows, object), 10)):
-        rate, resets = (float(np.mean(means)) for means in zip(*map(_training_rates, part), strict=True))
+        rate = float(np.mean([row["reward"] for row in part]))
+        resets = float(np.mean([training_resets(row) or 0.0 for row in part]))
         lines.append([f"{part[-1]['frames']:,}", *map(shown_rate, (rate, resets, part[-1][REWARD_RATE]))])
     tell_table(["frames", "reward rate", "resets per 1,000 steps", "deterministic rate"], lines)
-
-
-def _training_rates(row: Mapping[str, Any]) -> tuple[float, float]:
-    return row["reward"], training_resets(row) or 0.0

@@ -106,7 +106,8 @@ class CompiledBackend(AbstractBackend):
     def find_fault(self) -> str:
         """Whether resets of the task give observations that are not finite."""
         keys = jax.random.split(root_key(self._seeds[0], Purpose.FAULT_SEARCH), RESETS_TRIED)
-        observations = np.asarray(_first_observations(self._task, keys))
+        observe = jax.jit(jax.vmap(lambda key: self._task.observe(self._task.reset(key))))
+        observations = np.asarray(observe(keys))
         broken = int(np.sum(~np.isfinite(observations).all(axis=-1)))
         if not broken:
             return ""
@@ -169,8 +170,3 @@ def _train_shared(mesh: Mesh) -> Any:
     return jax.jit(
         jax.shard_map(train_own, mesh=mesh, in_specs=(own, common, common, common), out_specs=own, check_vma=False)
     )
-
-
-@jax.jit
-def _first_observations(task: AbstractTask[Any], keys: jax.Array) -> jax.Array:
-    return jax.vmap(lambda key: task.observe(task.reset(key)))(keys)

@@ -83,7 +83,11 @@ def read_progress(
     """
     try:
         saved = run_settings_from_dict(metadata["settings"])
-        best = tuple(_read_rank(*each) for each in metadata["best"])
+        # JSON has no infinities: that of a seed without an evaluation was written as null.
+        best = tuple(
+            UNRANKED if value is None else (bool(scored), finite_number("best", value, -math.inf, math.inf))
+            for scored, value in metadata["best"]
+        )
         iterations = whole_number("iterations", metadata["iterations"], 0)
         seconds = finite_number("seconds", metadata["seconds"], 0.0)
     except (*MALFORMED, SwingupError) as error:
@@ -96,11 +100,6 @@ def read_progress(
     if saved.as_dict() != settings.as_dict() or len(best) != settings.seeds:
         raise SwingupError(f"{source} is of another configuration than config.json: restore one of them")
     return TrainingProgress(state, best, iterations, seconds)
-
-
-def _read_rank(scored: Any, value: Any) -> Rank:
-    # JSON has no infinities: that of a seed without an evaluation was written as null.
-    return UNRANKED if value is None else (bool(scored), finite_number("best", value, -math.inf, math.inf))
 
 
 def is_finite(tree: Any) -> bool:

@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from ..areapo.initial import init_actor
 from ..areapo.networks import Actor
@@ -29,15 +29,14 @@ from ..controllers.stack.controller import PolicyController, plant_of
 from ..controllers.stack.policy import Policy
 from ..loop.domain import Domain
 from ..plant.base_parameters import BASE, base_parameters
-from ..plant.plant import LEADERBOARD, Plant
-from ..plant.robots import Robot
+from ..plant.plant import LEADERBOARD
 from ..tasks.observation import PendulumStage, PlantStage
 from .analytic_policy_gradient import PolicyGradientSettings, batch_cost, single_precision, with_actor
 from .dataset import Dataset, dagger_rollouts, swings_up, uniform_states
 from .distillation_settings import DistillationSettings, plant_scale
 from .plant_draws import draw_plants
 from .recoveries import Recoveries, make_recoveries, recovery_cost
-from .teacher import Teachers, make_teachers
+from .teacher import make_teachers
 
 Progress = Callable[[str, int, int], None]
 """Called with what is computed, how much of it is done, and of how much."""
@@ -65,14 +64,19 @@ def distil(
     robot, nominal = recovery.robot, plant_of(recovery)
     targets = draw_plants(random, robot, settings.draws, nominal, domain)
     start = LEADERBOARD if nominal.values() == LEADERBOARD.driven(robot).values() else nominal
-    swingups = _swingups(robot, targets, settings.nominal, start, partial(progress, "swing-ups"))
+    # Optimal swing-ups of the plants, as far as they are reached, and then those of the nominal one.
+    found = continue_swingups(robot, targets, progress=partial(progress, "swing-ups"), nominal=start)
+    more = nominal_swingups(robot, settings.nominal, ContinuationSettings(), start)
+    swingups: SwingUps = jax.tree.map(lambda *parts: np.concatenate(parts), found, more)
     teachers, recovery = make_teachers(swingups, nominal), single_precision(recovery)
     student = new_student(recovery, settings, random)
     dataset = uniform_states(teachers, recovery, settings, random)
     for number in range(1, settings.rounds + 1):
         which, own = np.arange(teachers.number), 0.0
         if number > 1:
-            which, own = _more_of_failing(which, student, teachers, settings, random), settings.own
+            failing, own = np.flatnonzero(~swings_up(student, teachers, settings.duration)), settings.own
+            replaced = random.uniform(size=which.shape) < settings.failing
+            which = np.where(replaced, random.choice(failing, which.shape), which) if len(failing) else which
         dataset += dagger_rollouts(teachers, recovery, student, settings, random, own, which)
         longest = number in (1, settings.rounds)
         steps = settings.steps if longest else settings.steps // 2
@@ -93,19 +97,6 @@ def distil(
         student = _descend(student, teachers.base, dataset, settings, key, steps, optimiser, told, *ends)
         tell(student, settings.rounds + 1)
     return eqx.tree_at(lambda c: c.policy, student, jax.tree.map(np.asarray, student.policy))
-
-
-def _more_of_failing(
-    which: Int[np.ndarray, "plants"],
-    student: PolicyController,
-    teachers: Teachers,
-    settings: DistillationSettings,
-    random: np.random.Generator,
-) -> Int[np.ndarray, "plants"]:
-    """Replace a share ``failing`` of the plants by plants that the student does not swing up."""
-    failing = np.flatnonzero(~swings_up(student, teachers, settings.duration))
-    gives_way = random.uniform(size=which.shape) < settings.failing
-    return np.where(gives_way, random.choice(failing, which.shape), which) if len(failing) else which
 
 
 def new_student(
@@ -197,13 +188,3 @@ def _steps(
 
 def _key(random: np.random.Generator) -> Key:
     return jax.random.key(int(random.integers(2**31)))
-
-
-def _swingups(
-    robot: Robot, plants: Plant, copies: int, nominal: Plant, progress: Callable[[int, int], None] | None
-) -> SwingUps:
-    """Optimal swing-ups of plants, as far as they are reached, and then those of the nominal one."""
-    found = continue_swingups(robot, plants, progress=progress, nominal=nominal)
-    more = nominal_swingups(robot, copies, ContinuationSettings(), nominal)
-    joined: SwingUps = jax.tree.map(lambda *parts: np.concatenate(parts), found, more)
-    return joined

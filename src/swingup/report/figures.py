@@ -45,7 +45,8 @@ def trajectory_figure(
         up = score(given, robot, plant=plant, force=True).criteria.swingup_time
         title = name if up is None else f"{name}, up at {up:.2f} s"
         _, *panels = motion_panels({"": rows}, robot, found, title)
-        columns.append([_with_time(panel, up) for panel in panels])
+        marks = [] if up is None else [Mark("up", up, upright=True)]
+        columns.append([replace(panel, marks=[*panel.marks, *marks]) for panel in panels])
     return Figure([panel for row in zip(*columns, strict=True) for panel in row], len(columns), shared=True)
 
 
@@ -85,11 +86,6 @@ def motion_panels(
         Panel(TIME, "velocity (rad/s)", velocities, x_range=ends),
         Panel(TIME, "torque (N m)", torques, limits, x_range=ends),
     ]
-
-
-def _with_time(panel: Panel, up: float | None) -> Panel:
-    """The panel with a mark at the swing-up time, if there is one."""
-    return panel if up is None else replace(panel, marks=[*panel.marks, Mark("up", up, upright=True)])
 
 
 def phase_figure(

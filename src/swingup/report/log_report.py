@@ -120,18 +120,15 @@ def _over_time(comparison: Comparison) -> Part:
     for joint in np.flatnonzero(recording.driven):
         u = Curve("log", recording.time, recording.u[:, joint], look=THIN, steps=True)
         panels.append(Panel(TIME, TORQUES[joint], [u]))
+    best = ("", " (best for this log)")
     rows = [
-        [each.name, *(f"{1e3 * each.model[INDEX[name]]:.1f} ms{_fitted(each, name)}" for name in LATENCY)]
+        [each.name, *(f"{1e3 * each.model[INDEX[name]]:.1f} ms{best[name in each.fitted]}" for name in LATENCY)]
         for each in comparison.predictions
         if any(recording.driven)
     ]
     tables = [Table(("Plant", "Delay", "Lag"), rows)] if rows else []
     note = "Predictions last 0.5 s, one after another. Where a curve leaves the log, the plant is wrong."
     return Part("Predictions over time", note, tables, Figure(panels, shared=True))
-
-
-def _fitted(prediction: OpenLoop, name: str) -> str:
-    return " (best for this log)" if name in prediction.fitted else ""
 
 
 def _horizons(predictions: Sequence[OpenLoop]) -> Part:
