@@ -31,11 +31,7 @@ class DisturbanceSettings:
     """Random pushes, as ``PushRules()`` of the robustness board or others; None for none."""
 
     def __post_init__(self) -> None:
-        """Refuse values that are out of range.
-
-        Raises:
-            SwingupError: a value is out of range.
-        """
+        """Refuse values that are out of range."""
         pushes: object = self.pushes
         if isinstance(pushes, bool):
             wanted = "use PushRules() for those of the robustness board"

@@ -40,11 +40,7 @@ class RobustnessBoard(AbstractBoard):
     """All simulations at once share one compiled program, and keep no rows."""
 
     def __post_init__(self) -> None:
-        """Refuse unknown criteria, and put the others in the board's order.
-
-        Raises:
-            SwingupError: a criterion is unknown, or there is not any.
-        """
+        """Refuse unknown criteria, and put the others in the board's order."""
         if not self.criteria:
             raise SwingupError(f"unknown criterion '': use one of {', '.join(CRITERIA)}")
         for name in self.criteria:

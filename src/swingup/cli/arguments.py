@@ -102,11 +102,7 @@ NO_PLANT: PlantOptions = {}
 
 
 def plant_of(options: PlantOptions) -> Plant:
-    """The plant that the options name; the leaderboards' without any.
-
-    Raises:
-        SwingupError: there is no such plant, or its friction is left out where none was named.
-    """
+    """The plant that the options name; the leaderboards' without any."""
     if "plant" not in options:
         if options.get("frictionless"):
             raise SwingupError("--frictionless needs --plant: the leaderboards' plant has no friction")
@@ -119,11 +115,7 @@ PLANT_FORMATS = (*PARAMETER_FILES, *MODEL_FILES)
 
 
 def check_outputs(formats: Sequence[str], *paths: str | None) -> None:
-    """Refuse files that cannot be written, before the work that makes their content; None is no file.
-
-    Raises:
-        SwingupError: a name has another ending, or its folder cannot be written.
-    """
+    """Refuse files that cannot be written, before the work that makes their content; None is no file."""
     for path in paths:
         if path is not None:
             check_suffix(path, formats)
@@ -131,11 +123,7 @@ def check_outputs(formats: Sequence[str], *paths: str | None) -> None:
 
 
 def named_values(option: str, words: Iterable[str], example: str) -> dict[str, float]:
-    """NAME=VALUE words of an option as a map.
-
-    Raises:
-        SwingupError: a word is another one, or a name comes twice.
-    """
+    """NAME=VALUE words of an option as a map."""
     found: dict[str, float] = {}
     for word in words:
         name, equals, value = word.rpartition("=")
@@ -152,11 +140,7 @@ def named_values(option: str, words: Iterable[str], example: str) -> dict[str, f
 
 
 def disturbance_of(options: DisturbanceOptions) -> DisturbanceSettings | None:
-    """What the options disturb; None without any.
-
-    Raises:
-        SwingupError: a value is out of range.
-    """
+    """What the options disturb; None without any."""
     given: dict[str, Any] = {**options, "pushes": PushRules() if options.get("pushes") else None}
     return DisturbanceSettings(**given) if options else None
 
@@ -177,11 +161,7 @@ def judged_name(name: str, controller: object) -> str:
 
 
 def task_name(robot: Robot | None, env: str | None) -> str:
-    """The robot's name or the Gymnasium id, of which one is given.
-
-    Raises:
-        SwingupError: both or none are given.
-    """
+    """The robot's name or the Gymnasium id, of which one is given."""
     if (robot is None) == (env is None):
         raise SwingupError(f"robot = {robot and robot.name!r} and env = {env!r}: give one of the two")
     return robot.name if robot else str(env)

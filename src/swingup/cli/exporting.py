@@ -139,11 +139,7 @@ def _export_trajectory(name: str, robot: Robot | None, out: str, plant: PlantOpt
 def _guard(
     policy: PendulumPolicy, to: str, wanted: bool, changes: Mapping[str, float | None]
 ) -> GuardSettings | None:
-    """The policy file's guard, or that of the robot that a form is for, with what the user changed of it.
-
-    Raises:
-        SwingupError: there is no guard to change, or a value is out of range.
-    """
+    """The policy file's guard, or that of the robot that a form is for, with what the user changed of it."""
     own = policy.guard
     if own is None and to == "cloudpendulum":
         own = cloudpendulum_guard(policy.period)

@@ -159,11 +159,7 @@ def _check(name: str, robot: Robot, estimator: bool | None, plant: Plant) -> int
 
 
 def _boards(names: Sequence[str], criteria: Sequence[str] = (), grid: Sequence[str] = ()) -> list[AbstractBoard]:
-    """Boards by name, with other criteria and another grid for robustness.
-
-    Raises:
-        SwingupError: there is no such board, or criteria or grid go with none of them.
-    """
+    """Boards by name, with other criteria and another grid for robustness."""
     boards = []
     for name in names:
         board = BOARDS[one_of("board", name, BOARDS)]

@@ -69,11 +69,6 @@ def foreign_prints_apart() -> contextlib.AbstractContextManager[object]:
     return contextlib.redirect_stdout(sys.stderr)
 
 
-def to_last(seed: int, seeds: int) -> str:
-    """The end of "seed 3 to 5", empty for a single seed."""
-    return f" to {seed + seeds - 1}" if seeds > 1 else ""
-
-
-def aligned(title: str, value: str, extra: str = "", width: int = 8) -> str:
+def aligned(title: str, value: str, extra: str = "") -> str:
     """One row of a result: its title, its value, and a remark in brackets."""
-    return f"  {title:<26}{value:>{width}}{f'   ({extra})' if extra else ''}"
+    return f"  {title:<26}{value:>12}{f'   ({extra})' if extra else ''}"

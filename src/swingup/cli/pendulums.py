@@ -141,11 +141,7 @@ def excite_command(
 
 
 def find_prior(plant: str | None, domain: str | None) -> Domain:
-    """What the robot may be: a domain, perhaps around another plant, or ranges around a plant.
-
-    Raises:
-        SwingupError: there is no such plant or domain.
-    """
+    """What the robot may be: a domain, perhaps around another plant, or ranges around a plant."""
     if domain is None:
         return prior_around(load_plant(plant or "C.1"))
     found = load_domain(domain)

@@ -16,7 +16,7 @@ from ..rehearsal.result import Rehearsal, spread
 from .arguments import OptionalDomain, OptionalFile, OptionalRobot
 from .output import aligned, tell, tell_json
 from .progress import Progress
-from .results import WIDTH, result_lines
+from .results import result_lines
 
 
 def rehearse_command(
@@ -79,9 +79,9 @@ def rehearsal_lines(found: Rehearsal) -> list[str]:
     calls = f"of {len(found.calls)} calls"
     return [
         *result_lines(found.result, f"{found.folder.entry.name}, {found.folder.form}"),
-        aligned("Guard", guard, limits, WIDTH),
-        *(aligned(title, *_spread(row), width=WIDTH) for title, row in rows if row),
-        *([aligned("Missed deadlines", str(found.missed), calls, WIDTH)] if found.real_time else []),
+        aligned("Guard", guard, limits),
+        *(aligned(title, *_spread(row)) for title, row in rows if row),
+        *([aligned("Missed deadlines", str(found.missed), calls)] if found.real_time else []),
         *(
             [f"  The simulation itself was late {found.late} times: close other programs and repeat."]
             if found.late

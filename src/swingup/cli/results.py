@@ -8,32 +8,29 @@ from ..benchmark.criteria import CAUSES
 from ..benchmark.leaderboard import OURS, Table
 from ..benchmark.result import Result
 from .arguments import plant_note
-from .output import aligned, to_last
+from .output import aligned
 
 
 def result_lines(result: Result, judged: str) -> list[str]:
     """Successes, the board's values with their intervals, what else the runs show, and warnings."""
     drawn = "" if result.domain is None else f", domain {result.domain.name}"
-    seeds = f", seed {result.seeds[0]}{to_last(result.seeds[0], len(result.seeds))}" if result.seeds else ""
+    seeds = " to ".join(str(seed) for seed in dict.fromkeys((*result.seeds[:1], *result.seeds[-1:])))
+    seeds = f", seed {seeds}" if seeds else ""
     plant = plant_note(result.plant, result.robot)
     values = []
     for name, value in result.values.items():
         column, interval = COLUMNS[name], result.intervals.get(name)
         extra = " to ".join(column.show(end) for end in interval) if interval else ""
-        values.append(aligned(column.title, column.show(value), extra, WIDTH))
+        values.append(aligned(column.title, column.show(value), extra))
     return [
         f"{result.robot}, {judged} (board {result.board}{drawn}{seeds}{plant})",
-        aligned("Success", *_success(result), WIDTH),
+        aligned("Success", *_success(result)),
         *values,
-        *(aligned(*row, width=WIDTH) for row in _runs(result)),
+        *(aligned(*row) for row in _runs(result)),
         *_failures(result),
         *(f"  warning: {each}" for each in result.warnings),
         *([] if result.note is None else [f"  {result.note}"]),
     ]
-
-
-WIDTH = 12
-"""Characters of a value."""
 
 
 def _success(result: Result) -> tuple[str, str]:

@@ -146,9 +146,6 @@ def start_training(
         out: the run's folder.
         changes: hyperparameters by name.
         given: fields of the run's settings by name.
-
-    Raises:
-        SwingupError: an option is wrong, or the folder holds something or cannot be written.
     """
     settings = make_run_settings(env, changes=changes, **given)
     # Ids of Gymnasium may contain signs that a folder's name cannot.

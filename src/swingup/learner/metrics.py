@@ -18,14 +18,13 @@ METRICS_FILE = "metrics.jsonl"
 
 
 class MetricsWriter:
-    """Appends reports to a run's folder; resuming drops those after the checkpoint."""
+    """Appends reports to a run's folder; resuming drops those after the checkpoint.
+
+    A file that cannot be written is a :class:`SwingupError`.
+    """
 
     def __init__(self, folder: Path, after_frames: int = 0) -> None:
-        """Open the files of a run that has trained for ``after_frames``.
-
-        Raises:
-            SwingupError: a file cannot be written.
-        """
+        """Open the files of a run that has trained for ``after_frames``."""
         self._folder, self._start = folder, after_frames
         path = folder / METRICS_FILE
         # A resumed run trains again what came after its checkpoint, and would write these rows twice.
@@ -36,11 +35,7 @@ class MetricsWriter:
             self._file = path.open("a", encoding="utf-8")
 
     def write(self, rows: Iterable[Mapping[str, Any]]) -> None:
-        """Append rows that hold at least ``seed`` and ``frames``.
-
-        Raises:
-            SwingupError: a file cannot be written.
-        """
+        """Append rows that hold at least ``seed`` and ``frames``."""
         with self._errors_in_words():
             for row in rows:
                 self._file.write(json.dumps(row) + "\n")
@@ -52,11 +47,7 @@ class MetricsWriter:
             self._file.flush()
 
     def sync(self) -> None:
-        """Write the rows through to the disk, before their checkpoint.
-
-        Raises:
-            SwingupError: a file cannot be written.
-        """
+        """Write the rows through to the disk, before their checkpoint."""
         with self._errors_in_words():
             self._file.flush()
             os.fsync(self._file.fileno())
@@ -65,11 +56,7 @@ class MetricsWriter:
         return self
 
     def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
-        """Close all files; a failure to flush is raised only if no other error is in flight.
-
-        Raises:
-            SwingupError: a file cannot be written.
-        """
+        """Close all files; a failure to flush is raised only if no other error is in flight."""
         failures = []
         for close in (self._file.close, *(board.close for board in self._boards.values())):
             try:

@@ -38,11 +38,7 @@ class EpisodeSettings:
     """Largest standard deviation of the first states of ``nominal`` (rad, rad/s)."""
 
     def __post_init__(self) -> None:
-        """Refuse settings without a meaning.
-
-        Raises:
-            SwingupError: a value is out of range, or no episode is left.
-        """
+        """Refuse settings without a meaning."""
         for kind in EPISODE_KINDS:
             whole_number(kind, getattr(self, kind), 0, MOST_EPISODES)
         for name in ("speed", "spread"):

@@ -62,11 +62,7 @@ def render_page(sections: Sequence[Section], title: str = "Swinging up double pe
 
 
 def render_log_page(report: LogReport) -> str:
-    """Render a report about logs as the text of one HTML file.
-
-    Raises:
-        SwingupError: Jinja is not installed.
-    """
+    """Render a report about logs as the text of one HTML file."""
     data = PageData()
     figures = [None if part.figure is None else data.encode(part.figure) for part in report.parts]
     return _render(data, {"figures": figures}, **vars(report))

@@ -186,11 +186,7 @@ def summarise(jobs: Sequence[Job], rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def _row_at_end(folder: RunFolder, settings: RunSettings, frames: int) -> Row | None:
-    """The metrics after so many frames of a run that got there, and perhaps further; None if it has to be trained.
-
-    Raises:
-        SwingupError: the folder holds a run with other settings, or its metrics cannot be read.
-    """
+    """The metrics after so many frames of a run that got there or further; None if it has to be trained."""
     if not folder.has_checkpoint():
         return None
     if read_run_settings(folder.path)[0] != settings:

@@ -230,11 +230,7 @@ def _write_best(plan: SearchPlan, study: "Study") -> None:
 
 
 def _distribution(name: str, text: str) -> "BaseDistribution":
-    """Optuna's form of a range, or of alternatives, which it stores as text.
-
-    Raises:
-        SwingupError: the name is unknown, a value cannot work, or Optuna is not installed.
-    """
+    """Optuna's form of a range, or of alternatives, which it stores as text."""
     try:
         from optuna import distributions
     except ImportError as error:
@@ -257,11 +253,7 @@ def _distribution(name: str, text: str) -> "BaseDistribution":
 
 
 def _open_study(plan: SearchPlan, space: Mapping[str, str], pruning: bool) -> "Study":
-    """The study in the folder, or a new one.
-
-    Raises:
-        SwingupError: its storage is damaged, or the folder holds another search.
-    """
+    """The study in the folder, or a new one."""
     from optuna import create_study, logging
     from optuna.pruners import MedianPruner, NopPruner
     from optuna.storages import RDBStorage
