@@ -22,7 +22,7 @@ from study import Curve, Study
 
 from swingup import AREAPO
 from swingup.continuing import CONTINUING
-from swingup.learner.report import TrainingReport
+from swingup.learner.progress import TrainingReport
 
 COLUMNS = ("frames", "scores", "seconds", "resets")
 """Of a report, in the order of a point."""

@@ -28,7 +28,7 @@ from peer_settings import WIDE, ZOO
 from study import MISSING, Study, cell, draw, improvement, measured
 
 from swingup import AREAPO
-from swingup.learner.report import TrainingReport
+from swingup.learner.progress import TrainingReport
 
 TASKS = ["HalfCheetah-v5", "Hopper-v5", "Swimmer-v5"]
 EPISODES = 10

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from swingup import AREAPO
-from swingup.learner.report import TrainingReport
+from swingup.learner.progress import TrainingReport
 
 
 class Tank(gymnasium.Env[np.ndarray, np.ndarray]):

@@ -27,7 +27,7 @@ from swingup.cli.showing import figures
 from swingup.common.settings import read_settings
 from swingup.controllers.registry import get_controller
 from swingup.learner.metrics import read_metrics
-from swingup.learner.report import TrainingReport
+from swingup.learner.progress import TrainingReport
 from swingup.plant.robots import ROBOTS
 from swingup.policy.estimator.settings import EstimatorSettings
 from swingup.policy.shipped import DEFAULT, load_policy

@@ -12,7 +12,7 @@ from ..common.files import write_atomically
 from ..common.text import duration
 from ..controllers.stack.controller import policy_alone
 from ..learner.policy_files import BEST
-from ..learner.report import TrainingReport
+from ..learner.progress import TrainingReport
 from ..learner.run import Run
 from ..plant.robots import ROBOTS, Robot
 from ..policy.shipped import load_policy

@@ -14,8 +14,8 @@ from .output import aligned
 def result_lines(result: Result, judged: str) -> list[str]:
     """Successes, the board's values with their intervals, what else the runs show, and warnings."""
     drawn = "" if result.domain is None else f", domain {result.domain.name}"
-    seeds = " to ".join(str(seed) for seed in dict.fromkeys((*result.seeds[:1], *result.seeds[-1:])))
-    seeds = f", seed {seeds}" if seeds else ""
+    seeds = f", seed {result.seeds[0]}" if result.seeds else ""
+    seeds += f" to {result.seeds[-1]}" if len(result.seeds) > 1 else ""
     plant = plant_note(result.plant, result.robot)
     values = []
     for name, value in result.values.items():

@@ -7,8 +7,8 @@ import signal
 from collections.abc import Callable, Iterator
 from types import FrameType
 
+from ..learner.progress import TrainingReport
 from ..learner.rates import training_resets
-from ..learner.report import TrainingReport
 from ..learner.run import Run
 from .arguments import plant_note
 from .parsing import program_typed

@@ -21,7 +21,7 @@ from ..tasks.task import AbstractTask
 from .backend import batched
 from .evaluators import EPISODES
 from .presets import get_preset
-from .report import TrainingReport
+from .progress import TrainingReport
 from .run import Run
 from .run_settings import RunSettings, make_run_settings, run_settings_from_dict
 from .start import restore_run, resume_run, start_run

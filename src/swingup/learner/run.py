@@ -23,8 +23,7 @@ from ..controllers.stack.policy import Policy
 from .backend import AbstractBackend, split_seeds
 from .metrics import MetricsWriter
 from .policy_files import BEST, LAST, provenance, seed_file
-from .progress import TrainingProgress, is_finite, rank, score_of
-from .report import TrainingReport, make_report
+from .progress import TrainingProgress, TrainingReport, is_finite, make_report, rank, score_of
 from .run_folder import RunFolder
 from .run_settings import RunSettings, write_run_settings
 
