@@ -15,7 +15,7 @@ COMPILED = Path(__file__).parents[1] / ".pytest_cache" / "jax"
 when it is imported. What a killed process left half-written is compiled anew: pyproject.toml ignores that
 warning."""
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(COMPILED))
-os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
+os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.02"
 CHEAP = ["--xla_backend_optimization_level=0", "--xla_cpu_parallel_codegen_split_count=1"]
 """Tests mostly compile: with these flags two to five times as fast. ``make slow`` runs without them, and so does
 ``XLA_FLAGS= make test``; a jaxlib that no longer knows a flag stops with its name: delete it here."""

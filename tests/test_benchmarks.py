@@ -78,36 +78,6 @@ def test_improvement_over_tasks_of_unequal_runs(mujoco):
     assert mujoco({("A-v1", "areapo"): [5.0, 6.0]})[0][-1][0].endswith("improves on sb3-ppo: not run")
 
 
-def test_rates_stand_beside_the_returns_where_they_were_recorded(mujoco):
-    runs, one = {("A-v1", "areapo"): [5.0, 5.0]}, ("--learners", "areapo", "--plot", "p.svg")
-    rows, (figure,) = mujoco(runs, *one, reward_rates=[1.25], resets=[0.5])
-    assert rows[3:6] == [
-        ["A-v1", "5 (5 to 5, 2 seeds only)"],
-        ["A-v1, reward rate (per step)", "1.250 (1.250 to 1.250, 2 seeds only)"],
-        ["A-v1, resets per 1,000 steps", "0.50 (0.50 to 0.50, 2 seeds only)"],
-    ]
-    assert len(figure.axes) == 3
-    rows, (figure,) = mujoco(runs, *one)
-    assert [row[1] for row in rows[4:6]] == ["–", "–"]
-    assert len(figure.axes) == 1
-
-
-def test_returns_of_dm_controls_acrobot_by_frames(run, tmp_path):
-    rows = [
-        {
-            "run": ["acrobot-swingup"],
-            "seed": seed,
-            "frames": [2e7, 4e7],
-            "scores": [first, last],
-            "seconds": [60, 90],
-        }
-        for seed, (first, last) in enumerate([(100.0, 200.0), (110.0, 300.0)])
-    ]
-    (tmp_path / "runs.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
-    found, _ = run("acrobot_swingup", "--seeds", "0", "--study", tmp_path / "runs.jsonl")
-    assert found[-1] == ["40 M", "90", "250.0", "200, 300"]
-
-
 def test_verdicts_on_claims(run, tmp_path):
     found, _ = run("ablations", "default", "--seeds", "0", "--study", BENCHMARKS / "runs" / "ablations.jsonl")
     assert [(row[0], row[-1]) for row in found[-3:-1]] == [

@@ -3,11 +3,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from safetensors.numpy import save_file
 
+from refusals import refusal
 from swingup.areapo import checkpoint
 from swingup.areapo.checkpoint import load_checkpoint, read_metadata, save_checkpoint
-from swingup.common.errors import SwingupError
 
 TREE = {
     "weights": jnp.array([1.0, jnp.pi, 1e-38]),
@@ -33,25 +32,17 @@ def test_round_trip_is_exact(path):
 
 
 def test_other_configurations_and_files_are_refused(path, tmp_path):
-    for changes, message in (
-        ({"weights": jnp.zeros(4)}, r"weights as float32\[3\].*needs float32\[4\]"),
-        ({"weights": jnp.zeros(3, jnp.int32)}, r"weights as float32.*needs int32"),
+    for changes, named in (
+        ({"weights": jnp.zeros(4)}, "weights as float32[3]"), ({"weights": jnp.zeros(3, jnp.int32)}, "needs int32"),
         ({"extra": jnp.zeros(1)}, "lacks extra"),
-    ):
-        with pytest.raises(SwingupError, match=message):
-            load_checkpoint(path, TREE | changes)
+    ):  # fmt: skip
+        assert named in refusal(load_checkpoint, path, TREE | changes)
     good = path.read_bytes()
     for size in (0, 10, 200, -1):
         path.write_bytes(good[:size])
-        with pytest.raises(SwingupError, match="truncated"):
-            load_checkpoint(path, LIKE)
-    save_file({"a": np.zeros(3)}, path)
-    with pytest.raises(SwingupError, match="lacks swingup's metadata"):
-        load_checkpoint(path, LIKE)
-    with pytest.raises(SwingupError, match="no such file"):
-        load_checkpoint(tmp_path / "x.safetensors", LIKE)
-    with pytest.raises(SwingupError, match="cannot write"):
-        save_checkpoint(tmp_path / "missing" / "c.safetensors", TREE, {})
+        assert "truncated" in refusal(load_checkpoint, path, LIKE)
+    assert "no such file" in refusal(load_checkpoint, tmp_path / "x.safetensors", LIKE)
+    assert "cannot write" in refusal(save_checkpoint, tmp_path / "missing" / "c.safetensors", TREE, {})
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -61,8 +52,8 @@ def test_a_large_configuration_is_read_and_a_large_foreign_array_is_not(path, mo
     large = {"weights": jnp.zeros(4096)}
     save_checkpoint(path, large, {})
     assert eqx.tree_equal(load_checkpoint(path, jax.eval_shape(lambda: large))[0], large)
-    with pytest.raises(SwingupError, match=r"MB of arrays, where a swingup checkpoint file may have"):
-        load_checkpoint(path, {"weights": jax.ShapeDtypeStruct((3,), jnp.float32)})
+    small = {"weights": jax.ShapeDtypeStruct((3,), jnp.float32)}
+    assert "MB of arrays, where a swingup checkpoint file may have" in refusal(load_checkpoint, path, small)
     # Names that the configuration does not have are not even looked at.
     assert load_checkpoint(path, {})[0] == {}
     assert read_metadata(path)["format"] == "swingup checkpoint"

@@ -146,11 +146,16 @@ def test_a_run_with_every_effect():
     domain = make_domain({"plant": "C.1", **effects})
     _, disturbance = draw(domain, jax.random.key(0), get_robot("pendubot"))
     scenario = Scenario(domain.plant.driven(get_robot("pendubot")), disturbance, substeps=domain.substeps)
-    loop, seen = initial_loop(jnp.array([0.3, 0.0, 0.0, 0.0]), domain.depth, disturbance), []
-    for k in range(20):
-        loop, measured, _ = measure(scenario, loop, jnp.array(k))
-        loop = apply_torque(scenario, loop, jnp.array(k), jnp.array([1.0, 0.0]), DT)
-        seen.append(np.asarray(measured))
+
+    @jax.jit
+    def run(loop):
+        def step(loop, k):
+            loop, measured, _ = measure(scenario, loop, k)
+            return apply_torque(scenario, loop, k, jnp.array([1.0, 0.0]), DT), measured
+
+        return jax.lax.scan(step, loop, jnp.arange(20))
+
+    loop, seen = run(initial_loop(jnp.array([0.3, 0.0, 0.0, 0.0]), domain.depth, disturbance))
     assert float(loop.times.now) == pytest.approx(20 * 0.004)
     assert np.isfinite(seen).all()
     # Every 20 ms, five turns, a gap of two.

@@ -24,11 +24,11 @@ def test_in_single_precision(tmp_path):
     assert 1e-6 < error < 1e-4
 
 
-@pytest.mark.parametrize(("name", "real"), [(SIGHTED, "float"), (TOLD, "double"), (TOLD, "float")])
-def test_conversions_are_written_out(tmp_path, name, real):
-    """A folded bias and all constants are double, the network perhaps float."""
-    found = references.policy(name)
-    compile_header(tmp_path, c_header(replace(found, guard=default_guard(DT))), *CAREFUL, f"-DSWINGUP_REAL={real}")
+@pytest.mark.parametrize("name", [SIGHTED, TOLD])
+def test_conversions_are_written_out(tmp_path, name):
+    """A folded bias and all constants are double, the network is float; ``test_c_runtime.py`` has it in double."""
+    text = c_header(replace(references.policy(name), guard=default_guard(DT)))
+    compile_header(tmp_path, text, *CAREFUL, "-DSWINGUP_REAL=float", "-O0")
 
 
 @pytest.mark.parametrize("name", ["acrobot", "pendubot"])
