@@ -5,6 +5,7 @@ import dataclasses
 import gc
 import importlib.metadata
 import os
+import shutil
 import sys
 from pathlib import Path
 
@@ -84,6 +85,25 @@ def small_grid():
 def brief_minute():
     """Rules of ICRA 2025 with 9 s of the minute and two throws, of which the first comes as late as ever."""
     return dataclasses.replace(UPTIME, duration=9.0, throws=2)
+
+
+OFFLINE = [
+    "--no-sandbox", "--headless", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    """A browser; starting one takes half a second, so that a module's tests share it."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    path = shutil.which("chromium")
+    if path is None:
+        pytest.skip("chromium is not installed")
+    with playwright.sync_playwright() as tool:
+        browser = tool.chromium.launch(executable_path=path, args=OFFLINE)
+        yield browser
+        browser.close()
 
 
 TRIM = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None

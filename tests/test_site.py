@@ -3,7 +3,6 @@
 import importlib.util
 import os
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,8 +12,6 @@ import pytest
 import swingup
 
 ROOT = Path(swingup.__file__).parents[2]
-CHROMIUM = shutil.which("chromium")
-OPTIONS = ["--no-sandbox", "--headless", "--disable-gpu", "--no-first-run", "--disable-background-networking"]
 PHONE = 400
 """Pixels."""
 pytestmark = pytest.mark.skipif(not (ROOT / "mkdocs.yml").is_file(), reason="the site is only in a checkout")
@@ -45,17 +42,6 @@ def pages(site):
     found = {path.relative_to(site).as_posix(): path.read_text(encoding="utf-8") for path in site.rglob("*.html")}
     assert len(found) > 30
     return found
-
-
-@pytest.fixture(scope="session")
-def browser():
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    if CHROMIUM is None:
-        pytest.skip("chromium is not installed")
-    with playwright.sync_playwright() as tool:
-        chromium = tool.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)
-        yield chromium
-        chromium.close()
 
 
 def test_symbols_of_the_prose_get_subscripts():
@@ -92,8 +78,8 @@ def test_pages_show_their_equations_pictures_and_the_notebooks_outputs(site, pag
 
 
 @pytest.mark.slow
-def test_pages_fit_a_phone(site, pages, browser):
-    page, widths = browser.new_page(viewport={"width": PHONE, "height": 800}), {}
+def test_pages_fit_a_phone(site, pages, chromium):
+    page, widths = chromium.new_page(viewport={"width": PHONE, "height": 800}), {}
     for name in sorted(pages):
         page.goto((site / name).as_uri())
         widths[name] = page.evaluate("document.scrollingElement.scrollWidth")

@@ -122,6 +122,7 @@ FAULTY = {
     "up to 0.5 N m on the passive joint 1: return 0 there, or declare": lambda x, t: [0.5, 0.0],
     "joint 1, and its passive_limit is 0.4: clip the torque": Remembering([0.5, 0.0], passive_limit=0.4),
     "its attribute passive_limit = 'much': use a number": Remembering([0.5, 0.0], passive_limit="much"),
+    "its attribute passive_limit = -1.0: use a number": Remembering([0.5, 0.0], passive_limit=-1.0),
     "its arguments are t, x, and a controller is called with (x, t): swap them": lambda t, x: [0.0, x[0]],
     "it answers to (t, x) alone": lambda now_s, angles: [0.0, 0.1 * angles[0] + now_s],
     "up to 600 N m on the driven joint 2, whose motor has 6 N m: clip": lambda x, t: [0.0, -600.0],

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from policies import load_any_policy
+from refusals import refusal
 from swingup import AREAPO
-from swingup.common.errors import SwingupError
 
 from .contract import TINY
 from .corridors import Corridor, Params, Turns
@@ -36,8 +36,7 @@ def test_an_environment_trains_saves_and_goes_on(tmp_path, name):
     model.export_policy(tmp_path / "policy.safetensors")
     facts = load_any_policy(tmp_path / "policy.safetensors")[1]
     assert (facts["action_low"], facts["action_high"]) == ([[-1.0]], [[3.0]])
-    with pytest.raises(SwingupError, match=rf"was passed in \(<{name}>\): pass it again as env"):
-        AREAPO.load(tmp_path / "model.safetensors")
+    assert "pass it again as env" in refusal(AREAPO.load, tmp_path / "model.safetensors")
     other = AREAPO.load(tmp_path / "model.safetensors", env=env)
     np.testing.assert_array_equal(model.learn(64).predict(observations), other.learn(64).predict(observations))
     # Two steps to the door at most speed, and five to the time limit.
@@ -46,8 +45,7 @@ def test_an_environment_trains_saves_and_goes_on(tmp_path, name):
     found = model.evaluate(2, env=near)
     assert (found["mean_length"], found["resets_per_1000_steps"]) == (1.0, 1000.0)
     assert 0.0 < found["score"] < 3.0
-    with pytest.raises(SwingupError, match="policy's actions are 1 numbers, the environment's are 1 choices of 3"):
-        model.evaluate(2, env=Turns())
+    assert "the environment's are 1 choices of 3" in refusal(model.evaluate, 2, env=Turns())
 
 
 @pytest.mark.slow

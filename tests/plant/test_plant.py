@@ -145,5 +145,7 @@ BAD_FILES = {
 
 @pytest.mark.parametrize("named", BAD_FILES)
 def test_files_that_are_no_plant(read, named):
+    for name in ("m2", "l1", "l2", "g"):
+        assert f"{name} = 0 must be positive" in refusal(validated, C1.changed(**{name: 0.0}))
     content = BAD_FILES[named]
     assert named in refusal(read, IDENTIFIED | content if isinstance(content, dict) else content)

@@ -99,7 +99,7 @@ OTHER_PLANT = "acrobot-friction"
 
 
 @functools.cache
-def random_states(number=10_000):
+def random_states(number=2_500):
     """States (number, 4) in several turns and beyond the velocities' scale, away from where an angle is wrapped."""
     x = np.random.default_rng(5).uniform(-1, 1, (2 * number, 4)) * [9, 9, 25, 25]
     wrap = np.abs((x[:, :2] + np.pi) % (2 * np.pi) - np.pi).min(axis=1)

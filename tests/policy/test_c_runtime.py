@@ -15,7 +15,7 @@ from .references import DT, TOLD, policy
 pytestmark = needs_gcc
 
 PARTS = ("estimator", "identifier", "regulator", "guard")
-QUICK = ((), ("guard",), ("estimator", "regulator"), PARTS)
+QUICK = ((), ("guard",), PARTS)
 COMBINATIONS = [
     pytest.param(parts, marks=[] if parts in QUICK else pytest.mark.slow, id="-".join(parts))
     for number in range(len(PARTS) + 1)

@@ -5,6 +5,7 @@ recorded loop as a whole where a policy has a memory; else the policy alone is a
 """
 
 import dataclasses
+import shutil
 
 import numpy as np
 import pytest
@@ -79,7 +80,7 @@ TABLE = [
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def made(tmp_path_factory, request):
     """Back ends by name and policy, each made once."""
     kept = {}
 
@@ -87,6 +88,8 @@ def made(tmp_path_factory):
         if (back_end, name) not in kept:
             folder = tmp_path_factory.mktemp(back_end)
             kept[back_end, name] = BACK_ENDS[back_end].make(policy(name), folder)
+            if back_end == "javascript" and shutil.which("node") is None:
+                kept[back_end, name].browser = request.getfixturevalue("chromium")
         return kept[back_end, name]
 
     return make

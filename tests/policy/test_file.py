@@ -226,6 +226,7 @@ BAD_FILES = {
     "tl2 = 0: the acrobot's driven joint needs a torque limit": {"plant": {**PLANT, "tl2": 0.0}},
     "estimator 'default' is not an object of settings": {"estimator": "default"},
     "unknown estimator setting 'delay': use some of dt": {"estimator": {"delay": 3}},
+    "max_delay_steps = 2.5: use a whole number": {"estimator": {"max_delay_steps": 2.5}},
     "identifier without an estimator: add estimator, {} for": {"identifier": {}},
     "setting passive_limit = -1: use a number from 0": {"estimator": {}, "identifier": {"passive_limit": -1}},
     "leave = 1 is below enter = 2": {"regulator": {"enter": 2, "leave": 1}},
