@@ -20,13 +20,13 @@ ROBOT = {"plant": "C.1", "design": "leaderboard"}
 UPRIGHT = np.array([np.pi, 0.0, 0.0, 0.0])
 
 
-def verdict(change, fault=None):
+def verdict(change, fault=None, end=None):
     """The verdict on a run that hangs for a second and is up from then on, but for a change of its states."""
     rules = SIM2REAL
     time = rules.dt * np.arange(rules.steps)
     x = np.where(time[:, None] < 1.0, 0.0, UPRIGHT)
     change(x, time)
-    rows = Trajectory(time, x, np.zeros((len(time), 2)))
+    rows = Trajectory(time[:end], x[:end], np.zeros((len(time[:end]), 2)))
     return rules.score(Case(Scenario(load_plant("C.1")), {"seed": 7}), rows, fault)
 
 
@@ -61,6 +61,12 @@ def test_down_before_the_last_two_seconds_is_no_failure():
 
 
 @pytest.mark.slow
+def test_a_run_that_ends_early_fails():
+    """It is up in all rows of its last two seconds, of which there are none."""
+    run = verdict(lambda x, time: None, end=3000)
+    assert (run.success, run.tip.cause) == (False, "stopped")
+
+
 def test_a_pendulum_without_motors_fails_and_seeds_differ(either_robot):
     def judged(domain, seed, seeds):
         return judge(lambda x, t: [0.0, 0.0], either_robot, BRIEF, seeds, seed=seed, domain=domain)
