@@ -13,7 +13,8 @@ from swingup.controllers.baselines import continuation
 from swingup.controllers.baselines.baselines import shipped_reference
 from swingup.controllers.baselines.continuation import accepted, continue_swingups, nominal_swingups
 from swingup.controllers.baselines.continuation_settings import ContinuationSettings, next_step
-from swingup.controllers.baselines.known_plant import known_plant_controller, linear_friction
+from swingup.controllers.baselines.dry_friction import linear_friction
+from swingup.controllers.baselines.known_plant import known_plant_controller
 from swingup.dynamics.angles import UPRIGHT
 from swingup.plant.plant import LEADERBOARD, NAMES
 from swingup.plant.robots import ROBOTS

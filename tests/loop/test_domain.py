@@ -92,7 +92,7 @@ def test_a_file_of_ones_own(tmp_path):
 
 
 BAD_DOMAINS = {
-    "unknown name 'nothing': use some of m1, ": "nothing: 1",
+    "unknown name 'nothing': use one of m1, ": "nothing: 1",
     "unknown velocities 'guessed'": "plant: C.1\nvelocities: guessed",
     "delay = [0.02, 0.01] must be a range from low to high": "delay: [0.02, 0.01]",
     "delay = [0, 1] must lie between 0 and 0.2": "delay: [0.0, 1.0]",

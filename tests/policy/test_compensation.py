@@ -14,7 +14,7 @@ from swingup.plant.equations import friction, lump
 from swingup.plant.maths import NUMPY
 from swingup.plant.plant import load_plant
 from swingup.policy.identifier import core
-from swingup.policy.identifier.compensation import LEAST_GAIN, Load, compensation, predicted
+from swingup.policy.identifier.compensation import LEAST_GAIN, Load, compensation
 from swingup.policy.identifier.settings import GAIN, IdentifierSettings, offsets, prior
 from swingup.policy.plant_facts import policy_plant
 
@@ -41,7 +41,7 @@ LOADED = IdentifierSettings(load_deviation=0.05, spring_deviation=0.02)
 )
 def test_the_undriven_joints_compensation(gain, limit, asks, delivered):
     """The acrobot's shoulder: b = 0.02 and cf = 0.3."""
-    asked, left = compensation(FOUND, gain, 1, limit, max)
+    asked, left, _ = compensation(FOUND, gain, 1, limit, max)
     assert (asked.damping[0], asked.coulomb[0]) == pytest.approx((0.02 * asks, 0.3 * asks))
     rest = 1 - asks * delivered
     assert (left.damping[0], left.coulomb[0]) == pytest.approx((0.02 * rest, 0.3 * rest))
@@ -51,7 +51,7 @@ def test_the_undriven_joints_compensation(gain, limit, asks, delivered):
 
 
 def test_the_pendubots_elbow_is_undriven():
-    asked, left = compensation(FOUND, 0.75, 0, 0.5, max)
+    asked, left, _ = compensation(FOUND, 0.75, 0, 0.5, max)
     assert asked.damping == pytest.approx((0.02, 0.1 / 0.75))
     assert asked.coulomb == (0.3, 0.0)
     assert left.damping == pytest.approx((0.0, 0.0))
@@ -60,16 +60,17 @@ def test_the_pendubots_elbow_is_undriven():
 
 
 def test_negative_friction_of_the_shoulder_is_not_compensated():
-    asked, left = compensation(Friction((-0.02, 0.1), (-0.3, 0.06)), 1.0, 1, 0.5, max)
+    asked, left, _ = compensation(Friction((-0.02, 0.1), (-0.3, 0.06)), 1.0, 1, 0.5, max)
     assert asked == Friction((0.0, 0.1), (0.0, 0.06))
     assert left == Friction((-0.02, 0.0), (-0.3, 0.0))
 
 
 def test_predicted_friction_is_never_negative_and_leaves_the_compensated_part_out():
-    left = Friction((0.01, 0.04), (0.2, -0.01))
-    assert predicted(FOUND, FOUND, 0, max) == Friction((0.02, 0.1), (0.3, 0.0))
-    assert predicted(FOUND, left, 0, max) == Friction((0.02, 0.04), (0.3, 0.0))
-    assert predicted(FOUND, left, 1, max) == Friction((0.01, 0.1), (0.2, 0.0))
+    # Without a motor at the undriven joint, all of its friction stays; one that delivers all leaves none.
+    assert compensation(FOUND, 1.0, 0, 0.0, max).predicted == Friction((0.02, 0.1), (0.3, 0.0))
+    assert compensation(FOUND, 1.0, 0, 0.5, max).predicted == Friction((0.02, 0.0), (0.3, 0.0))
+    # Of a shoulder whose motor delivers 0.3 of 1/0.6, a half.
+    assert compensation(FOUND, 0.3, 1, 0.5, max).predicted == Friction((0.01, 0.1), (0.15, 0.0))
 
 
 def test_offsets_are_bounded():

@@ -221,11 +221,11 @@ BAD_FILES = {
     "or a layer may reach 1e+30: train another": {"network.mean.weight": np.full((1, 256), 1e35, np.float32)},
     "lacks metadata plant": {"plant": None},
     "plant 'C.1' is not an object of parameters": {"plant": "C.1"},
-    "unknown plant parameter 'm3': use m1, m2": {"plant": {**PLANT, "m3": 1.0}},
+    "unknown plant parameter 'm3': use one of m1, m2": {"plant": {**PLANT, "m3": 1.0}},
     "its plant lacks m2, l1, l2": {"plant": {"m1": 0.5}},
     "tl2 = 0: the acrobot's driven joint needs a torque limit": {"plant": {**PLANT, "tl2": 0.0}},
     "estimator 'default' is not an object of settings": {"estimator": "default"},
-    "unknown estimator setting 'delay': use some of dt": {"estimator": {"delay": 3}},
+    "unknown estimator setting 'delay': use one of dt": {"estimator": {"delay": 3}},
     "max_delay_steps = 2.5: use a whole number": {"estimator": {"max_delay_steps": 2.5}},
     "identifier without an estimator: add estimator, {} for": {"identifier": {}},
     "setting passive_limit = -1: use a number from 0": {"estimator": {}, "identifier": {"passive_limit": -1}},
@@ -250,7 +250,7 @@ SIGHT = {"name": "plant"}
 BAD_SIGHTS = {
     "stage 'plant' lacks its array scale": ([PENDULUM, SIGHT], {"scale": None}),
     "shapes (8,) and (9,), the base parameters (9,)": ([PENDULUM, SIGHT], {"centre": np.zeros(8)}),
-    "unknown setting 'epsilon' of stage 'plant': use some of clip": ([PENDULUM, SIGHT | {"epsilon": 1}], {}),
+    "unknown plant stage setting 'epsilon': use one of clip": ([PENDULUM, SIGHT | {"epsilon": 1}], {}),
 }
 
 

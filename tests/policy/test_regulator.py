@@ -10,7 +10,7 @@ import pytest
 from scipy.linalg import solve_continuous_are, solve_discrete_are
 
 from benchmark.independent import rk4
-from swingup.controllers.baselines.known_plant import linear_friction
+from swingup.controllers.baselines.dry_friction import linear_friction
 from swingup.controllers.baselines.lqr import linearised
 from swingup.controllers.interface.controller import AbstractController, check_interface
 from swingup.controllers.stack.estimator import with_estimator

@@ -44,11 +44,7 @@ _MALFORMED = (KeyError, TypeError, ValueError, OverflowError, RecursionError)
 def save_arrays(
     path: str | Path, kind: str, version: int, metadata: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
 ) -> None:
-    """Write a file atomically, with ``format`` (the kind) and ``format_version`` before the metadata's entries.
-
-    Raises:
-        SwingupError: the file cannot be written, or the format lacks an array's type.
-    """
+    """Write a file atomically, with ``format`` (the kind) and ``format_version`` before the metadata's entries."""
     head = {"format": kind, "format_version": version}
     # Twice: first in order, and stronger than another file's, whose metadata may be passed on.
     text = json.dumps(finite({**head, **metadata, **head}))
@@ -78,11 +74,7 @@ def finite(value: Any) -> Any:
 
 
 def write_json(path: str | Path, content: Any) -> None:
-    """Write JSON, in which null stands for numbers that are not finite.
-
-    Raises:
-        SwingupError: the file cannot be written.
-    """
+    """Write JSON, in which null stands for numbers that are not finite."""
     write_atomically(path, (json.dumps(finite(content), indent=2) + "\n").encode())
 
 

@@ -1,4 +1,4 @@
-"""Checks of what users give, before anything is traced or written: each returns the value as plain Python."""
+"""Checks of what users give, before anything is traced or written: each returns plain Python, or refuses."""
 
 import difflib
 import math
@@ -24,11 +24,7 @@ def is_number(value: Any) -> bool:
 
 
 def finite_number(name: str, value: Any, least: float = -LARGEST, most: float = LARGEST, unit: str = "") -> float:
-    """A finite number from ``least`` to ``most``.
-
-    Raises:
-        SwingupError: the value is no number, not finite, or outside the range.
-    """
+    """A finite number from ``least`` to ``most``."""
     if not is_number(value) or not least <= value <= most:
         wanted = f"a number from {least:g} to {most:g}{unit and ' '}{unit}"
         raise SwingupError(f"{name} = {quoted(value)}: use {wanted}")
@@ -36,22 +32,14 @@ def finite_number(name: str, value: Any, least: float = -LARGEST, most: float = 
 
 
 def positive_number(name: str, value: Any, most: float = LARGEST, unit: str = "") -> float:
-    """A finite number above 0, at most ``most``.
-
-    Raises:
-        SwingupError: the value is no number, not finite, or outside the range.
-    """
+    """A finite number above 0, at most ``most``."""
     if not is_number(value) or not 0 < value <= most:
         raise SwingupError(f"{name} = {quoted(value)}: use a positive number up to {most:g}{unit and ' '}{unit}")
     return float(value)
 
 
 def whole_number(name: str, value: Any, least: int, most: int | None = None) -> int:
-    """A whole number from ``least`` to ``most``; 3.0 counts as 3.
-
-    Raises:
-        SwingupError: the value is no whole number, or outside the range.
-    """
+    """A whole number from ``least`` to ``most``; 3.0 counts as 3."""
     if not is_number(value) or (not isinstance(value, Integral) and value % 1 != 0):
         raise SwingupError(f"{name} = {quoted(value)}: use a whole number")
     if value < least or (most is not None and value > most):
@@ -68,9 +56,6 @@ def one_of(kind: str, value: Any, choices: Iterable[str], more: str = "") -> str
         value: what was given.
         choices: the names.
         more: what else would do, for the message.
-
-    Raises:
-        SwingupError: the value is not one of them.
     """
     names = list(choices)
     if isinstance(value, str) and value in names:

@@ -55,11 +55,7 @@ class Column:
     """As it was written; SI without one."""
 
     def size(self, name: str) -> float:
-        """The unit's size in SI units, for the column of this name.
-
-        Raises:
-            SwingupError: there is no such unit.
-        """
+        """The unit's size in SI units, for the column of this name."""
         return unit_size(name, self.unit)
 
     def word(self, name: str) -> str:
@@ -81,11 +77,7 @@ class Column:
 
 
 def unit_size(name: str, unit: str) -> float:
-    """The size of a unit of the column of this name, in SI units: deg, counts/4096, or A*0.7 with a factor.
-
-    Raises:
-        SwingupError: there is no such unit.
-    """
+    """The size of a unit of the column of this name, in SI units: deg, counts/4096, or A*0.7 with a factor."""
     accepted = next((units for start, units in UNITS.items() if name.startswith(start)), {})
     base, factor = re.fullmatch(r"(.*?)(?:\*([\d.]+(?:[eE][-+]?\d+)?))?", unit.strip(), re.DOTALL).groups()  # type: ignore[union-attr]
     plain = re.sub(r"[\s·.*^]", "", base).lower()
@@ -118,11 +110,7 @@ def unit_of(quantity: str, size: float, within: float = 1e-9) -> str:
 
 
 def parse_column(path: object, name: str, text: str, titles: Sequence[str]) -> Column:
-    """A column from the expression and unit of a word.
-
-    Raises:
-        SwingupError: the file has no such column.
-    """
+    """A column from the expression and unit of a word."""
     if text in titles:
         return Column(((1, text),))
     expression, _, unit = text.rpartition(":") if ":" in text else (text, "", "")
@@ -155,11 +143,7 @@ def parse_column(path: object, name: str, text: str, titles: Sequence[str]) -> C
 
 
 def parse_columns(path: object, words: Sequence[str], titles: Sequence[str]) -> dict[str, Column]:
-    """Columns by name, from words NAME=EXPRESSION[:UNIT], or from names in the columns' order, with _ for none.
-
-    Raises:
-        SwingupError: the file has no such column.
-    """
+    """Columns by name, from words NAME=EXPRESSION[:UNIT], or from names in the columns' order, with _ for none."""
     found = {}
     for number, word in enumerate(words, start=1):
         name, equals, text = word.partition("=")

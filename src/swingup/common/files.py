@@ -10,11 +10,7 @@ from .errors import SwingupError
 
 
 def write_atomically(path: str | Path, content: bytes) -> None:
-    """Write a whole file or none: sync a temporary file beside it to the disk, rename it, and sync the folder.
-
-    Raises:
-        SwingupError: the folder does not exist or cannot be written, or the disk is full.
-    """
+    """Write a whole file or none: sync a temporary file beside it to the disk, rename it, and sync the folder."""
     temporary = None
     try:
         target = _behind_links(path)
@@ -62,11 +58,7 @@ def read_bytes(path: str | Path, most: int) -> bytes:
 
 
 def make_folder(path: str | Path) -> None:
-    """Make a folder with its parents, unless it exists.
-
-    Raises:
-        SwingupError: it cannot be made.
-    """
+    """Make a folder with its parents, unless it exists."""
     try:
         Path(path).mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -74,11 +66,7 @@ def make_folder(path: str | Path) -> None:
 
 
 def check_writable(path: str | Path) -> None:
-    """Refuse a file that cannot be written, before the work that fills it.
-
-    Raises:
-        SwingupError: its folder does not exist or cannot be written, or it is a folder itself.
-    """
+    """Refuse a file that cannot be written, before the work that fills it."""
     try:
         target = _behind_links(path)
         folder, writable = target.is_dir(), os.access(target.parent, os.W_OK | os.X_OK)

@@ -18,11 +18,7 @@ TRACEBACK = "Traceback (most recent call last)"
 
 @contextlib.contextmanager
 def blaming(what: str, remedy: str = "correct it there") -> Iterator[None]:
-    """Run foreign code, named by ``what`` as in "its reset()".
-
-    Raises:
-        SwingupError: it raised something.
-    """
+    """Run foreign code, named by ``what`` as in "its reset()"."""
     try:
         yield
     # A SwingupError already names its fault.
@@ -34,11 +30,7 @@ def blaming(what: str, remedy: str = "correct it there") -> Iterator[None]:
 
 @contextlib.contextmanager
 def naming(controller: str) -> Iterator[None]:
-    """Name the controller in front of what is wrong with it.
-
-    Raises:
-        SwingupError: something is wrong with it.
-    """
+    """Name the controller in front of what is wrong with it."""
     try:
         yield
     except SwingupError as error:
@@ -54,10 +46,6 @@ def described(error: BaseException) -> str:
 
 
 def attribute(source: Any, name: str, default: Any = None) -> Any:
-    """An attribute of a foreign object, which a property or ``__getattr__`` may compute.
-
-    Raises:
-        SwingupError: it raised something else than ``AttributeError``.
-    """
+    """An attribute of a foreign object, which a property or ``__getattr__`` may compute."""
     with blaming(f"its attribute {name}"):
         return getattr(source, name, default)

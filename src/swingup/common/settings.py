@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import Field, fields
 from typing import Any, NamedTuple, TypeVar, get_args
 
-from .checks import finite_number, suggestion, whole_number
+from .checks import finite_number, one_of, whole_number
 from .errors import SwingupError
 from .text import quoted
 
@@ -30,11 +30,7 @@ def notes(field: "Field[Any]", kind: type[NoteT]) -> tuple[NoteT, ...]:
 
 
 def check_ranges(settings: Any) -> None:
-    """Refuse values out of their ranges, and turn lists into tuples and numbers into the field's type.
-
-    Raises:
-        SwingupError: a value is not a number of its range.
-    """
+    """Refuse values out of their ranges, and turn lists into tuples and numbers into the field's type."""
     for name, (kind, bounds) in _annotations(type(settings)).items():
         if bounds is not None:
             value = _checked(f"{settings.PART} setting {name}", getattr(settings, name), kind, bounds)
@@ -43,11 +39,7 @@ def check_ranges(settings: Any) -> None:
 
 
 def read_settings(metadata: Mapping[str, Any], kind: type[SettingsT]) -> SettingsT | None:
-    """Settings under their key in a policy file's metadata; None if it has none.
-
-    Raises:
-        SwingupError: they are not an object, one is unknown, or a value is out of range.
-    """
+    """Settings under their key in a policy file's metadata; None if it has none."""
     part = kind.PART  # type: ignore[attr-defined]  # of every kind of settings
     return _read(metadata[part], part, kind) if part in metadata else None
 
@@ -57,11 +49,7 @@ def _read(given: Any, part: str, kind: type[SettingsT]) -> SettingsT:
         raise SwingupError(f"{part} {quoted(given)} is not an object of settings: use {{}} for the defaults")
     known, values = _annotations(kind), dict(given)
     for name, value in given.items():
-        if name not in known:
-            raise SwingupError(
-                f"unknown {part} setting {quoted(name)}: use some of {', '.join(known)}{suggestion(name, known)}"
-            )
-        inner, bounds = known[name]
+        inner, bounds = known[one_of(f"{part} setting", name, known)]
         if bounds is None:
             values[name] = _read(value, f"{part} {name}", inner)
     return kind(**values)

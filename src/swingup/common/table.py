@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from .checks import LARGEST
-from .clock import spread_evenly
 from .columns import SHORT_NAMES, Column, parse_columns, suggest_columns, unit_size
 from .errors import SwingupError
 from .files import write_atomically
-from .table_cells import Cells, is_number, read_cells
+from .table_cells import UNIT, Cells, Row, is_number, read_cells
 from .text import quoted
 
 Names = tuple[str, ...]
@@ -24,10 +24,12 @@ Names = tuple[str, ...]
 
 MINIMUM_ROWS = 3
 """The swing-up time looks at the rows between the first and the last."""
-UNIT = re.compile(r"[\[(](?!\d+[\])])([^\])]*)")
-"""A unit in brackets at the end of a title; a number in them, as in q[0], belongs to the name."""
 EPOCH = 1e6
 """A time beyond this (in its unit) counts from another day: the clock then starts at 0."""
+LEAST_ROWS = 20
+"""Rows that show an even rate."""
+LEAST_SHARE = 0.2
+"""Share of rows that repeat a time from which times are rounded; fewer are faults."""
 
 
 @dataclass(frozen=True)
@@ -40,16 +42,10 @@ class Table:
     """What of the file each column is."""
     unread: Sequence[str]
     """Titles of columns that nobody reads."""
-    notes: tuple[str, ...] = ()
-    """What was done to rows, one line each."""
 
 
 def write_columns(path: str | Path, columns: Mapping[str, np.ndarray]) -> None:
-    """Write columns of one length atomically, with enough digits to read the same float64 back.
-
-    Raises:
-        SwingupError: the file cannot be written.
-    """
+    """Write columns of one length atomically, with enough digits to read the same float64 back."""
     table = np.column_stack([np.asarray(column, np.float64) for column in columns.values()])
     lines = [",".join(columns), *(",".join(map(repr, row)) for row in table.tolist())]
     write_atomically(path, ("\n".join(lines) + "\n").encode())
@@ -86,40 +82,37 @@ def read_table(
             f"{path} has no header: its first line must be {','.join(names)}, or name its columns in their order, "
             f"as in --columns {' '.join(names)}"
         )
-    header = [_name(title) for title in cells.titles]
+    header = cells.names
     sources = _sources(path, header, groups, columns)
     chosen = _choose(path, header, sources, groups, optional)
-    sources = {name: _with_unit(path, name, sources[name], cells, header) for name in chosen}
-    places = {title: _place(title, header) for name in chosen for _, title in sources[name].terms}
+    sources = {name: _with_unit(path, name, sources[name], cells) for name in chosen}
+    titles = dict.fromkeys(title for column in sources.values() for _, title in column.terms)
     # A trailing comma is harmless. A decimal comma makes one cell too many.
     for line, row in cells.rows:
         if any(row[len(header) :]):
             raise SwingupError(f"{path}, line {line} has more cells than columns: write decimals with a point")
     # RealAIGym also cuts rows to the shortest column.
-    rows = cells.rows[: min((_filled(cells.rows, place) for place in places.values()), default=0)]
+    rows = cells.rows[: min((_filled(cells, title) for title in titles), default=0)]
     if len(rows) < MINIMUM_ROWS:
         raise SwingupError(f"{path} has {len(rows)} complete rows: at least {MINIMUM_ROWS} are needed")
-    clock, notes = chosen[0], []
-    if not gaps and (late := _without_velocities(rows, sources, places, cells.decimal)):
-        notes.append(f"the first {late} rows have no velocity yet: they are left out")
-        rows = rows[late:]
-    values = {}
-    for name in chosen:
-        epoch = _epoch(rows[0], sources[name], places, cells.decimal) if name == clock else Decimal(0)
-        column = sources[name]
-        labels = [name] if len(column.terms) == 1 else [title for _, title in column.terms]
-        parts = [
-            sign * _numbers(path, rows, places[title], label, cells.decimal, gaps, epoch)
-            for label, (sign, title) in zip(labels, column.terms, strict=True)
-        ]
-        if column.constant or not parts:
-            parts.append(np.full(len(rows), column.constant))
+    if not gaps:
+        rows = rows[_without_velocities(cells, rows, sources) :]
+    clock, values = chosen[0], {}
+    for name, column in sources.items():
+        epoch = _epoch(cells, rows[:1], column) if name == clock else Decimal(0)
+        parts = [np.full(len(rows), column.constant)] if column.constant or not column.terms else []
+        for sign, title in column.terms:
+            label = name if len(column.terms) == 1 else title
+            given = zip(rows, cells.column(title, rows), strict=True)
+            numbers = [_number(f"{path}, line {row[0]}", cells, cell, label, gaps, epoch) for row, cell in given]
+            parts.append(sign * np.array(numbers))
+        # Without a first zero, to which -0.0 would be added.
         values[name] = sum(parts[1:], parts[0]) * column.size(name)
     if not gaps:
-        values[clock], note = _increasing(path, values[clock], [line for line, _ in rows])
-        notes += note
-    unread = [title for title in header if title not in places and title]
-    return Table(values, sources, unread, tuple(notes))
+        values[clock] = _increasing(path, values[clock], [line for line, _ in rows])
+    places = {cells.place(title) for title in titles}
+    unread = [title for place, title in enumerate(header) if place not in places and title]
+    return Table(values, sources, unread)
 
 
 def _sources(
@@ -150,26 +143,13 @@ def _sources(
     return found
 
 
-def _name(title: str) -> str:
-    """The name in a column's title: "# time[s]" and "pos1 (rad)" name the columns time and pos1."""
-    return UNIT.split(title.lstrip("# "), maxsplit=1)[0].rstrip()
-
-
-def _place(title: str, header: list[str]) -> int:
-    return int(title[1:]) - 1 if title not in header else header.index(title)
-
-
-def _with_unit(path: object, name: str, column: Column, cells: Cells, header: list[str]) -> Column:
-    """The column with the unit of its title, where its user gives none.
-
-    Raises:
-        SwingupError: the title comes twice, or has an unknown unit.
-    """
+def _with_unit(path: object, name: str, column: Column, cells: Cells) -> Column:
+    """The column with the unit of its title, where its user gives none."""
     titles = [title for _, title in column.terms]
     for title in titles:
-        if header.count(title) > 1:
-            raise SwingupError(f"{path} has {header.count(title)} columns {title}: keep one of them")
-    bracket = UNIT.search(cells.titles[_place(titles[0], header)]) if titles else None
+        if (count := cells.names.count(title)) > 1:
+            raise SwingupError(f"{path} has {count} columns {title}: keep one of them")
+    bracket = UNIT.search(cells.titles[cells.place(titles[0])]) if titles else None
     if column.unit or bracket is None:
         return column
     try:
@@ -213,49 +193,35 @@ def quote_word(word: str) -> str:
     return word if re.fullmatch(r"[\w=+\-:/.,°µ]+", word) else "'" + word.replace("'", "'\\''") + "'"
 
 
-def _filled(rows: list[tuple[int, list[Any]]], place: int) -> int:
+def _filled(cells: Cells, title: str) -> int:
     """Length of a column without its trailing empty cells."""
-    return max(
-        (k + 1 for k, (_, cells) in enumerate(rows) if cells[place : place + 1] not in ([], [""])), default=0
-    )
+    return max((k + 1 for k, cell in enumerate(cells.column(title, cells.rows)) if cell != ""), default=0)
 
 
-def _without_velocities(
-    rows: list[tuple[int, list[Any]]], sources: Mapping[str, Column], places: Mapping[str, int], decimal: str
-) -> int:
+def _without_velocities(cells: Cells, rows: Sequence[Row], sources: Mapping[str, Column]) -> int:
     """How many rows at the start have NaN for a velocity: a difference needs a row before."""
-    speeds = [places[title] for name in sources if name.startswith("vel") for _, title in sources[name].terms]
-    missing = (any(str(row[place]).lower() == "nan" for place in speeds if place < len(row)) for _, row in rows)
+    speeds = [title for name in sources if name.startswith("vel") for _, title in sources[name].terms]
+    columns = [cells.column(title, rows[:3]) for title in speeds]
+    missing = (any(str(cell).lower() == "nan" for cell in row) for row in zip(*columns, strict=True))
     count = sum(1 for _ in itertools.takewhile(bool, missing))
     return count if count <= 2 else 0
 
 
-def _epoch(row: tuple[int, list[Any]], column: Column, places: Mapping[str, int], decimal: str) -> Decimal:
+def _epoch(cells: Cells, rows: Sequence[Row], column: Column) -> Decimal:
     """The first time, where it counts from another day."""
     alone = len(column.terms) == 1 and not column.constant
-    cell = "".join(map(str, row[1][places[column.terms[0][1]] :][:1])) if alone else ""
-    if not is_number(cell, decimal) or not EPOCH < abs(float(cell.replace(decimal, "."))) < math.inf:
-        return Decimal(0)
-    return Decimal(cell.replace(decimal, "."))
+    cell = cells.plain(cells.column(column.terms[0][1], rows)[0]) if alone else ""
+    return Decimal(cell) if is_number(cell) and EPOCH < abs(float(cell)) < math.inf else Decimal(0)
 
 
-def _numbers(
-    path: object, rows: list[tuple[int, list[Any]]], place: int, name: str, decimal: str, gaps: bool, epoch: Decimal
-) -> np.ndarray:
-    return np.array([_number(path, row, name, place, decimal, gaps, epoch) for row in rows])
-
-
-def _number(
-    path: object, row: tuple[int, list[Any]], name: str, place: int, decimal: str, gaps: bool, epoch: Decimal
-) -> float:
-    cell = row[1][place] if place < len(row[1]) else ""
-    where = f"{path}, line {row[0]}, column {name}"
-    if not is_number(cell, decimal):
+def _number(where: str, cells: Cells, cell: Any, label: str, gaps: bool, epoch: Decimal) -> float:
+    """A cell's number; NaN where it is missing and may be."""
+    where, text = f"{where}, column {label}", cells.plain(cell)
+    if not is_number(text):
         if gaps and cell.lower() in ("", "na", "n/a", "null", "none", "-"):
             return math.nan
-        remedy = "write seconds" if name == "time" and ":" in cell else "correct it"
+        remedy = "write seconds" if label == "time" and ":" in cell else "correct it"
         raise SwingupError(f"{where}: {quoted(cell[:40])} is not a number: {remedy}")
-    text = str(cell).replace(decimal, ".") if isinstance(cell, str) else cell
     value = float(text)
     if not math.isfinite(value):
         if gaps:
@@ -264,16 +230,16 @@ def _number(
     if epoch:
         # An exact difference: a double has too few digits for a time since 1970.
         value = float(Decimal(text) - epoch)
-    if abs(value) > LARGEST and not (name.startswith("time") and gaps):
+    if abs(value) > LARGEST and not (label.startswith("time") and gaps):
         raise SwingupError(f"{where}: {str(cell)[:40]} is too large for a pendulum in SI units: correct it")
     return value
 
 
-def _increasing(path: object, time: np.ndarray, lines: list[int]) -> tuple[np.ndarray, list[str]]:
+def _increasing(path: object, time: np.ndarray, lines: list[int]) -> np.ndarray:
     """Times that increase; rows that share a rounded time are spread where their rate is even."""
     stalled = np.flatnonzero(np.diff(time) <= 0)
     if not stalled.size:
-        return time, []
+        return time
     even = spread_evenly(time)
     if even is None:
         (before, after), line = time[stalled[0] :][:2], lines[stalled[0] + 1]
@@ -281,10 +247,16 @@ def _increasing(path: object, time: np.ndarray, lines: list[int]) -> tuple[np.nd
             "several rows share a time: write more of its digits" if before == after else "keep one run a file"
         )
         raise SwingupError(f"{path}, line {line}: time {after} comes after {before}: {several}, in order")
-    return even, [shared_times(time, even)]
+    return even
 
 
-def shared_times(time: np.ndarray, even: np.ndarray) -> str:
-    """What is said of times that were spread."""
-    share = np.mean(np.diff(time) <= 0)
-    return f"{share:.0%} of the rows share a rounded time: they are spread, {np.diff(even).mean():.4g} s apart"
+def spread_evenly(time: Float[np.ndarray, "rows"]) -> Float[np.ndarray, "rows"] | None:
+    """Even times for rows whose times were rounded so far that several share one; None if they are not that."""
+    steps = np.diff(time)
+    if len(time) < LEAST_ROWS or np.any(steps < 0) or np.mean(steps == 0) < LEAST_SHARE or not np.any(steps > 0):
+        return None
+    rows, resolution = np.arange(len(time)), float(np.median(steps[steps > 0]))
+    even = np.polyval(np.polyfit(rows, time, 1), rows)
+    if np.abs(even - time).max() > 1.01 * resolution:
+        return None
+    return np.asarray(even - even[0] + time[0])

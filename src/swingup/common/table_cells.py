@@ -2,14 +2,15 @@
 
 import codecs
 import csv
+import functools
 import io
 import re
 import zipfile
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -23,11 +24,17 @@ SEPARATORS = (",", ";", "\t", " ", "|")
 COMMENTS = ("#", "%", "//")
 SAMPLE = 20
 """Lines that show the separator."""
+UNIT = re.compile(r"[\[(](?!\d+[\])])([^\])]*)")
+"""A unit in brackets at the end of a title; a number in them, as in q[0], belongs to the name."""
 UNIT_CELL = re.compile(
     r"[\[(]?(|s|ms|[µu]s|ns|°|deg|rad|turns|rev|rpm|(deg|°|rad|rev|1)/(s|min)|[µum]?N\W?m+|m?A|-)[\])]?"
 )
 """A cell of a line of units below a header."""
 MOST_UNPACKED = 8 * LARGEST_TABLE
+
+
+Row: TypeAlias = tuple[int, list[Any]]
+"""Number of the line in the file, from 1, and its cells: texts, or numbers of an array."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +43,7 @@ class Cells:
 
     titles: list[str]
     """Empty texts where there is no header."""
-    rows: list[tuple[int, list[Any]]]
-    """Number of the line in the file, from 1, and its cells: texts, or numbers of an array."""
+    rows: list[Row]
     decimal: str = "."
 
     @property
@@ -45,13 +51,27 @@ class Cells:
         """Whether there is no header."""
         return not any(self.titles)
 
+    @functools.cached_property
+    def names(self) -> list[str]:
+        """The names in the titles: "# time[s]" and "pos1 (rad)" name the columns time and pos1."""
+        return [UNIT.split(title.lstrip("# "), maxsplit=1)[0].rstrip() for title in self.titles]
+
+    def place(self, title: str) -> int:
+        """The place of a column, by its name or as #3."""
+        return self.names.index(title) if title in self.names else int(title[1:]) - 1
+
+    def column(self, title: str, rows: Sequence[Row]) -> list[Any]:
+        """A column's cells of some rows; empty where a row ends before it."""
+        place = self.place(title)
+        return [cells[place] if place < len(cells) else "" for _, cells in rows]
+
+    def plain(self, cell: Any) -> Any:
+        """A cell with a decimal point."""
+        return cell.replace(self.decimal, ".") if isinstance(cell, str) else cell
+
 
 def read_cells(path: str | Path) -> Cells:
-    """Read a file's cells, by its suffix.
-
-    Raises:
-        SwingupError: the file cannot be read.
-    """
+    """Read a file's cells, by its suffix."""
     try:
         content = read_bytes(path, LARGEST_TABLE)
     except FileNotFoundError as error:
@@ -66,7 +86,7 @@ def read_cells(path: str | Path) -> Cells:
 def is_number(cell: Any, decimal: str = ".") -> bool:
     """Whether a cell has a number, NaN and infinities included."""
     try:
-        float(cell.replace(decimal, ".") if isinstance(cell, str) else cell)
+        float(cell.replace(decimal, ".") if decimal != "." else cell)
     except ValueError:
         return False
     return True

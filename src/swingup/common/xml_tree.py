@@ -33,11 +33,7 @@ class Attributes:
     where: str
 
     def numbers(self, name: str, default: Sequence[float], least: int | None = None) -> np.ndarray:
-        """Numbers that spaces separate; as many as the default has, or at least so many.
-
-        Raises:
-            SwingupError: there are others, or one is not a finite number.
-        """
+        """Finite numbers that spaces separate; as many as the default has, or at least so many."""
         if name not in self.values:
             return np.array(default, dtype=float)
         words = self.values[name].split()
@@ -47,11 +43,7 @@ class Attributes:
         return np.array([self._finite(name, word) for word in words] + list(default[len(words) :]))
 
     def number(self, name: str, default: float) -> float:
-        """One number.
-
-        Raises:
-            SwingupError: it is not a finite number.
-        """
+        """One number, which must be finite."""
         return float(self.numbers(name, (default,))[0])
 
     def text(self, name: str, default: str = "") -> str:
@@ -75,11 +67,7 @@ def attributes_of(element: Element, kind: str = "") -> Attributes:
 
 
 def read_tree(path: str | Path, kind: str) -> Element:
-    """Read an XML file; the ``kind`` of file is named in errors.
-
-    Raises:
-        SwingupError: the file cannot be read, is too large, is not XML, is too deep, or has a document type.
-    """
+    """Read an XML file; the ``kind`` of file is named in errors."""
     named = f"{kind} file {one_line(path)}"
     try:
         data = read_bytes(path, LARGEST_XML)

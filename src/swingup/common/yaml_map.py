@@ -24,12 +24,7 @@ FLAT_MAP = "write one 'name: value' a line"
 
 
 def read_map(path: str | Path, kind: str) -> dict[str, Any]:
-    """Read a flat YAML map; ``kind`` of file is named in errors.
-
-    Raises:
-        SwingupError: the file cannot be read, is too large, is no map, gives a name twice, or holds an alias, an
-            anchor, a tag, deep brackets or a value that YAML cannot build.
-    """
+    """Read a flat YAML map; ``kind`` of file is named in errors."""
     named = f"{kind} file {path}"
     try:
         text = read_bytes(path, LARGEST_YAML).decode("utf-8")

@@ -5,7 +5,6 @@ friction of a short link asks for less than 2 ms.
 """
 
 import math
-from collections.abc import Callable
 
 import jax
 
@@ -13,8 +12,6 @@ from ..common.types import Scalar, State, Torque
 from ..plant.equations import COULOMB_STEEPNESS, lump, mass_entries
 from ..plant.plant import Plant
 from .dynamics import derivative
-
-Integrator = Callable[[Plant, State, Torque, float], State]
 
 STIFFEST = 2.5
 """Largest λ dt of one step of RK4, which diverges above 2.79; C.1 as identified has 2.26 at 2 ms."""

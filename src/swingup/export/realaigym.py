@@ -150,11 +150,7 @@ class RealAIGymController:
         return self._act(state, t, state)
 
     def save(self, directory: str | Path) -> None:
-        """Write what this controller is to ``controller_swingup.json`` in a folder.
-
-        Raises:
-            SwingupError: the folder cannot be made or written.
-        """
+        """Write what this controller is to ``controller_swingup.json`` in a folder."""
         self.save_(directory)
 
     def save_(self, directory: str | Path) -> None:
@@ -187,28 +183,19 @@ class RealAIGymController:
         """
         self._damping, self._coulomb = _two("damping", damping), _two("coulomb_fric", coulomb_fric)
 
-    def set_gravity_compensation(self, plant: Any = None) -> None:
-        """Nothing: these controllers take gravity into account."""
+    def _ignored(self, *arguments: Any, **settings: Any) -> None:
+        """Nothing: these controllers count on gravity, start from anywhere, and have one goal and no parameters.
 
-    def set_filter_args(self, *arguments: Any, **settings: Any) -> None:
-        """Nothing: RealAIGym's own filters need its package; see ``set_filter``."""
+        RealAIGym's own filters need its package; see ``set_filter``.
+        """
 
-    def set_parameters(self, *arguments: Any, **parameters: Any) -> None:
-        """Nothing: a policy has none."""
-
-    def set_start(self, x: Any) -> None:
-        """Nothing: the policy starts from anywhere."""
-
-    def set_goal(self, x: Any) -> None:
-        """Nothing: the goal is upright."""
+    set_gravity_compensation = set_filter_args = set_parameters = set_start = set_goal = _ignored
 
     def get_forecast(self) -> tuple[list[Any], list[Any], list[Any]]:
-        """Nothing is forecast."""
+        """Nothing is forecast, or planned beforehand."""
         return [], [], []
 
-    def get_init_trajectory(self) -> tuple[list[Any], list[Any], list[Any]]:
-        """Nothing is planned beforehand."""
-        return [], [], []
+    get_init_trajectory = get_forecast
 
     def _act(
         self, x: np.ndarray, t: float | None, measured: np.ndarray, added: np.ndarray | None = None

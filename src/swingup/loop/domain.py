@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import jax
 
-from ..common.checks import suggestion
+from ..common.checks import one_of
 from ..common.errors import SwingupError
 from ..common.text import one_line, quoted
 from ..common.yaml_map import read_map
@@ -83,11 +83,7 @@ class Domain:
     """The name or the file that ``load_domain`` read. Not compared, so that equal ranges compile once."""
 
     def __post_init__(self) -> None:
-        """Refuse plants that cannot move.
-
-        Raises:
-            SwingupError: a combination of the values does not make a pendulum.
-        """
+        """Refuse plants that cannot move."""
         for corner in self.corners():
             validated(corner)
 
@@ -230,10 +226,7 @@ def load_domain(source: str | Path) -> Domain:
     if source in SHIPPED_PLANTS or is_model_file(source):
         return make_domain({"plant": load_plant(source)}, source)
     if not source.endswith(PARAMETER_FILES):
-        near = suggestion(source, (*SHIPPED, *SHIPPED_PLANTS))
-        raise SwingupError(
-            f"unknown domain {quoted(source)}: use {', '.join(SHIPPED)}, a plant's name or a YAML file (.yml){near}"
-        )
+        one_of("domain", source, (*SHIPPED, *SHIPPED_PLANTS), " or a YAML file (.yml)")
     try:
         return make_domain(read_map(source, "domain"), source, Path(source).parent)
     except SwingupError as error:
@@ -242,9 +235,7 @@ def load_domain(source: str | Path) -> Domain:
 
 def _range(name: str, value: Any) -> tuple[float, float]:
     """The lowest and the highest value of an entry."""
-    known = (*NAMES, TORQUE_LIMIT, *VALUES)
-    if name not in known:
-        raise SwingupError(f"unknown name {quoted(name)}: use some of {', '.join(known)}{suggestion(name, known)}")
+    one_of("name", name, (*NAMES, TORQUE_LIMIT, *VALUES))
     ends = value if isinstance(value, list | tuple) else [value, value]
     numbers = [number for number in map(_number, ends) if number is not None]
     if len(ends) != 2 or len(numbers) != 2:

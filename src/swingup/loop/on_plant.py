@@ -53,11 +53,7 @@ def loop_around(plant: PlantLike | Domain | None, domain: Domain | str | None) -
 
 
 def drawn_around(plant: PlantLike, share: float = 0.1) -> Domain:
-    """A domain around a guess: masses and inertias are off by a share, friction and rotors by five times that.
-
-    Raises:
-        SwingupError: some of these values make no pendulum.
-    """
+    """A domain around a guess: masses and inertias are off by a share, friction and rotors by five times that."""
     found = load_plant(plant)
     off = dict.fromkeys(("m1", "m2", "I1", "I2"), share)
     off |= dict.fromkeys(("b1", "b2", "cf1", "cf2", "Ir"), min(1.0, 5.0 * share))

@@ -12,7 +12,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from ..common.checks import LARGEST, suggestion
+from ..common.checks import LARGEST, one_of
 from ..common.errors import SwingupError
 from ..common.text import one_line, quoted
 from .damped import Friction
@@ -99,20 +99,12 @@ class Plant:
         return dataclasses.replace(self, **values)
 
     def driven(self, robot: Robot | str) -> "Plant":
-        """The plant with a torque limit of 0 on the joint that the robot does not drive.
-
-        Raises:
-            SwingupError: there is no such robot.
-        """
+        """The plant with a torque limit of 0 on the joint that the robot does not drive."""
         first, second = get_robot(robot).actuation
         return self.changed(tl1=self.tl1 * first, tl2=self.tl2 * second)
 
     def frictionless(self) -> "Plant":
-        """The plant without friction and rotors' inertia, idealised as the leaderboards idealise C.1.
-
-        Raises:
-            SwingupError: without the rotors, the mass matrix is no longer positive definite.
-        """
+        """The plant without friction and rotors' inertia, idealised as the leaderboards idealise C.1."""
         name = f"{self}{FRICTIONLESS}"
         return validated(dataclasses.replace(self, b1=0.0, b2=0.0, cf1=0.0, cf2=0.0, Ir=0.0, name=name))
 
@@ -163,10 +155,7 @@ def load_plant(source: PlantLike) -> Plant:
     if name in SHIPPED_PLANTS:
         return _shipped_plant(name)
     if not is_plant_name(name):
-        raise SwingupError(
-            f"unknown plant {quoted(name)}: use {', '.join(SHIPPED_PLANTS)} or {PLANT_FILES}"
-            f"{suggestion(name, SHIPPED_PLANTS)}"
-        )
+        one_of("plant", name, SHIPPED_PLANTS, f" or {PLANT_FILES}")
     try:
         return _model_plant(name, name) if is_model_file(name) else _read_plant(name)
     except SwingupError as error:

@@ -39,11 +39,7 @@ from .guard.settings import Fault, GuardSettings
 
 
 def four_numbers(x: Any) -> np.ndarray:
-    """The state as an array (4,), which may be the caller's own.
-
-    Raises:
-        SwingupError: it is not four numbers.
-    """
+    """The state as an array (4,), which may be the caller's own."""
     try:
         state = np.asarray(x, np.float64)
     except (TypeError, ValueError):

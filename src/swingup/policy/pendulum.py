@@ -50,12 +50,7 @@ class PendulumPolicy:
     """The file's."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot go together.
-
-        Raises:
-            SwingupError: an identifier stands without an estimator or has a plant without gravity on a joint, or
-                no regulator holds the plant.
-        """
+        """Refuse what cannot go together."""
         if self.identifier is not None:
             if self.estimator is None:
                 raise SwingupError("identifier without an estimator: add estimator, {} for its defaults")

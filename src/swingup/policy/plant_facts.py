@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ..common.checks import LARGEST, finite_number, suggestion
+from ..common.checks import finite_number, one_of
 from ..common.errors import SwingupError
 from ..common.text import quoted
 from ..plant.base_parameters import BASE_NAMES, FRICTIONS, base_parameters
-from ..plant.plant import NAMES, Plant, validated
+from ..plant.plant import NAMES, Plant, make_plant, validated
 from ..plant.robots import Robot
 from .network.stages import PlantStage
 
@@ -37,14 +37,10 @@ def read_plant(given: Any, robot: Robot) -> Plant:
     if not isinstance(name, str):
         raise SwingupError(f"plant name {quoted(name)} is not a text")
     for each in given:
-        if each not in NAMES and each != "name":
-            near = suggestion(each, NAMES)
-            raise SwingupError(f"unknown plant parameter {quoted(each)}: use {', '.join(NAMES)}{near}")
-    missing = [each for each in NAMES if each not in given]
-    if missing:
-        raise SwingupError(f"its plant lacks {', '.join(missing)}: add them in SI units")
-    values = {each: finite_number(f"plant parameter {each}", given[each], -LARGEST, LARGEST) for each in NAMES}
-    return policy_plant(Plant(**values, name=name), robot)
+        if each != "name":
+            one_of("plant parameter", each, NAMES)
+    values = {each: finite_number(f"plant parameter {each}", given[each]) for each in NAMES if each in given}
+    return policy_plant(make_plant(values, "its plant", name), robot)
 
 
 def write_plant(plant: Plant) -> dict[str, Any]:

@@ -12,7 +12,8 @@ from jaxtyping import Array, Float
 
 from ..common.types import Scalar, State
 from ..controllers.baselines.continuation import SwingUps
-from ..controllers.baselines.known_plant import friction_gain, plant_lqr
+from ..controllers.baselines.dry_friction import friction_gain
+from ..controllers.baselines.known_plant import plant_lqr
 from ..controllers.stack.controller import PolicyController, plant_of
 from ..controllers.stack.maths import JAX
 from ..dynamics.angles import UPRIGHT, wrap_difference

@@ -40,8 +40,8 @@ class AbstractAdaptedTask(AbstractTask[AdaptedState]):
 
     @property
     def named_after(self) -> Any:
-        """The object whose class names the task in messages and files: the environment."""
-        return self.env
+        """The object whose class names the task in messages and files: the environment inside all wrappers."""
+        return attribute(self.env, "unwrapped", self.env)
 
     @property
     def timed(self) -> tuple[Any, ...]:

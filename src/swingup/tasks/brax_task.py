@@ -44,9 +44,6 @@ class BraxTask(AbstractAdaptedTask):
         Args:
             env: has ``reset(key)``, ``step(state, action)`` and ``action_size``. Of several observations the one
                 named ``state`` is shown.
-
-        Raises:
-            SwingupError: a method fails, or a result is not supported.
         """
         name = type(env).__name__
         check_hash(name, env)
@@ -62,11 +59,6 @@ class BraxTask(AbstractAdaptedTask):
             raise SwingupError(f"{name} resets itself: leave AutoResetWrapper out, the learner resets")
         self.observation_shape = shape_of_observation(_seen(start), name)
         self.check_steps(f"{name}.step", "state, action")
-
-    @property
-    def named_after(self) -> Any:
-        """The environment inside all wrappers."""
-        return attribute(self.env, "unwrapped", self.env)
 
     def reset(self, key: Key) -> AdaptedState:
         """The first state of an episode."""

@@ -53,11 +53,6 @@ class EnvelopeTask(AbstractAdaptedTask):
         check_hash(name, jax.tree.structure(self.env))
         self.check_steps(f"{name}.step", "state, action")
 
-    @property
-    def named_after(self) -> Any:
-        """The environment inside all wrappers."""
-        return attribute(self.env, "unwrapped", self.env)
-
     def reset(self, key: Key) -> AdaptedState:
         """The first state of an episode."""
         state, info = self.env.init(key)

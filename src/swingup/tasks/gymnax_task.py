@@ -78,11 +78,7 @@ class GymnaxTask(AbstractAdaptedTask):
         return AdaptedState(state, observation)
 
     def step(self, state: AdaptedState, action: Action, key: Key) -> Step[AdaptedState]:
-        """One step of the environment.
-
-        Raises:
-            SwingupError: its results are not gymnax 1.0's.
-        """
+        """One step of the environment."""
         name, resets = f"{type(self.env).__name__}.{self.method}", self.method == "step"
         answer = getattr(self.env, self.method)(key, state.inner, self.actions(action), self.params)
         length = 6 if resets else 5

@@ -85,10 +85,6 @@ class AbstractPendulumTask(AbstractTask[PendulumState]):
         limits = jnp.array([self.parameters.tl1, self.parameters.tl2], action.dtype)
         return action * limits * jnp.array(self.robot.actuation, action.dtype)
 
-    def hanging_start(self, key: Key) -> State:
-        """Hang down, disturbed by Gaussian noise on all four states."""
-        return self.reset_noise * jax.random.normal(key, (4,)) * jnp.array([1.0, 1.0, *2 * [self.reset_rate]])
-
     def quadratic_reward(self, x: State, u: Torque) -> Scalar:
         """r(x', a) = -α[(x' - g)ᵀ Q (x' - g) + R a²], with q1 wrapped to [0, 2π) and q2 to [-π, π)."""
         limited = jnp.clip(x[2:], -self.cost_velocity_limit, self.cost_velocity_limit)
@@ -100,43 +96,40 @@ class AbstractPendulumTask(AbstractTask[PendulumState]):
     def reward(self, x: State, u: Torque) -> Scalar:
         """Reward of the state after the step and the torque (N m)."""
 
+    def observe(self, state: PendulumState) -> Observation:
+        """Scaled angles and velocities."""
+        return self.observation(state.x)
+
+    def step(self, state: PendulumState, action: Action, key: Key) -> Step[PendulumState]:
+        """Hold the torque for dt, in steps of Runge-Kutta.
+
+        If the integrator diverges, which takes some 60 rad/s, the last good state is kept and the episode
+        truncated.
+        """
+        u = self.torque(action)
+        x = rk4_steps(self.parameters, state.x, u, self.dt, self.substeps)
+        # Negated, so that NaN counts as diverged.
+        diverged = ~jnp.all(jnp.abs(x[2:]) < DIVERGED)
+        # The step counts even then, so that the limit is reached in any case.
+        after = PendulumState(x=jnp.where(diverged, state.x, x), steps=state.steps + 1)
+        at_random = jax.random.bernoulli(key, self.truncation_probability)
+        return Step(
+            state=after,
+            observation=self.observe(after),
+            reward=self.reward(after.x, u),
+            terminated=jnp.array(False),
+            truncated=at_random | diverged | (after.steps >= self.max_steps),
+        )
+
 
 class PendulumTask(AbstractPendulumTask):
     """The paper's task: start hanging, with the quadratic reward on the state after the step."""
 
     def reset(self, key: Key) -> PendulumState:
         """Hang down, disturbed by Gaussian noise on all four states."""
-        return PendulumState(x=self.hanging_start(key), steps=jnp.array(0))
-
-    def observe(self, state: PendulumState) -> Observation:
-        """Scaled angles and velocities."""
-        return self.observation(state.x)
+        noise = self.reset_noise * jax.random.normal(key, (4,)) * jnp.array([1.0, 1.0, *2 * [self.reset_rate]])
+        return PendulumState(x=noise, steps=jnp.array(0))
 
     def reward(self, x: State, u: Torque) -> Scalar:
         """r(x', a) of the state after the step and the torque (N m)."""
         return self.quadratic_reward(x, u)
-
-    def step(self, state: PendulumState, action: Action, key: Key) -> Step[PendulumState]:
-        """Hold the torque for dt and advance the pendulum by one Runge-Kutta step."""
-        return hold_torque(self, state, action, key)
-
-
-def hold_torque(task: AbstractPendulumTask, state: PendulumState, action: Action, key: Key) -> Step[PendulumState]:
-    """A step on the plant: the torque held for dt, in the task's steps of Runge-Kutta.
-
-    If the integrator diverges, which takes some 60 rad/s, the last good state is kept and the episode truncated.
-    """
-    u = task.torque(action)
-    x = rk4_steps(task.parameters, state.x, u, task.dt, task.substeps)
-    # Negated, so that NaN counts as diverged.
-    diverged = ~jnp.all(jnp.abs(x[2:]) < DIVERGED)
-    # The step counts even then, so that the limit is reached in any case.
-    after = PendulumState(x=jnp.where(diverged, state.x, x), steps=state.steps + 1)
-    at_random = jax.random.bernoulli(key, task.truncation_probability)
-    return Step(
-        state=after,
-        observation=task.observe(after),
-        reward=task.reward(after.x, u),
-        terminated=jnp.array(False),
-        truncated=at_random | diverged | (after.steps >= task.max_steps),
-    )

@@ -7,11 +7,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..common.types import Action, Key, Observation, Scalar, State, Torque
+from ..common.types import Key, Scalar, State, Torque
 from ..dynamics.dynamics import tip_height
 from ..plant.units import LENGTH
-from .pendulum import AbstractPendulumTask, PendulumState, hold_torque
-from .task import Step
+from .pendulum import AbstractPendulumTask, PendulumState
 
 UP_FRACTION = 0.9
 """The tip is up above this fraction of l1 + l2, as in the benchmark's rules."""
@@ -40,17 +39,9 @@ class RecoveryTask(AbstractPendulumTask):
         start = self.starts[jax.random.randint(key, (), 0, len(self.starts))]
         return PendulumState(x=start, steps=jnp.array(0))
 
-    def observe(self, state: PendulumState) -> Observation:
-        """Scaled angles and velocities."""
-        return self.observation(state.x)
-
     def reward(self, x: State, u: Torque) -> Scalar:
         """From -1, far down, to 0, upright at rest without torque."""
         away = 1 - jnp.exp(self.quadratic_reward(x, u) / self.saturation)
         below = UP_FRACTION * self.parameters.length - tip_height(self.parameters, x)
         down = jax.nn.sigmoid(below / self.up_line_width)
         return -((1 - self.down_weight) * away + self.down_weight * down)
-
-    def step(self, state: PendulumState, action: Action, key: Key) -> Step[PendulumState]:
-        """Hold the torque for dt and advance the pendulum by one Runge-Kutta step."""
-        return hold_torque(self, state, action, key)

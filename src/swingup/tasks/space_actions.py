@@ -42,11 +42,7 @@ class SpaceActions(eqx.Module):
 
 
 def space_actions(space: Any) -> SpaceActions:
-    """The actions of a space that has ``n`` or ``nvec``, or ``low`` and ``high``.
-
-    Raises:
-        SwingupError: it has neither, is empty, or is a box of whole numbers or without bounds.
-    """
+    """The actions of a space that has ``n`` or ``nvec``, or ``low`` and ``high``."""
     shown = f"actions {one_line(space, 200)}"
     counts = attribute(space, "n", attribute(space, "nvec"))
     if counts is not None:

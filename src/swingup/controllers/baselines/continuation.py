@@ -110,9 +110,6 @@ def nominal_swingups(
     """A plant's swing-up for the score, resting upright for the extra time, for each of n plants.
 
     The leaderboards' plant's is shipped; another one's is sought.
-
-    Raises:
-        SwingupError: no swing-up of the plant is found.
     """
     reference = design_of(robot, plant).reference("score")
     if not reaches_upright(reference, plant.driven(robot)):

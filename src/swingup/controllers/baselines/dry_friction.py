@@ -7,6 +7,7 @@ settings are tried on the model, and the best ones are taken. Some plants are he
 """
 
 import logging
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -42,6 +43,8 @@ class Counting(NamedTuple):
     """The friction's sign is 2/π arctan of this times the velocity (s/rad)."""
 
 
+ALL = Counting(1.0, 1.0, math.inf)
+"""All of the friction, as damping and as a constant."""
 COUNTINGS = (Counting(1.0, 0.6, 6.0), Counting(4.0, 0.9, 30.0))
 """The two best of 540 settings on the shipped designs A.0, B.0, C.0 and C.1: neither is the better on all."""
 
@@ -93,12 +96,27 @@ def holding_lqr(plant: Plant, robot: Robot, settings: LQRSettings, dt: float) ->
 
 def counting_lqr(plant: Plant, robot: Robot, settings: LQRSettings, counting: Counting) -> LQR:
     """A regulator that counts on the passive joint's dry friction."""
-    # The setting's damping stands for the friction, whose own slope at rest, 100 cf, says that the joint is frozen.
-    damping = plant.b1 + counting.damping * plant.cf1, plant.b2 + counting.damping * plant.cf2
-    damped = plant.changed(b1=damping[0], b2=damping[1], cf1=0.0, cf2=0.0)
-    regulator = upright_lqr(damped, robot, settings)
-    against = counting.share * disturbance_gain(damped, regulator) * passive_friction(plant, robot)
+    regulator = upright_lqr(linear_friction(plant, counting.damping), robot, settings)
+    against = friction_gain(plant, regulator, counting)
     return replace(regulator, friction=against, knee=counting.knee)
+
+
+def linear_friction(plant: Plant, damping: float = 1.0) -> Plant:
+    """The plant with Coulomb friction as damping: cf arctan(100 q̇) becomes ``damping`` (s/rad) times cf q̇.
+
+    Its slope at rest is a hundred times as large, by which a regulator would take the joint for frozen.
+    """
+    b1, b2 = plant.b1 + damping * plant.cf1, plant.b2 + damping * plant.cf2
+    return plant.changed(b1=b1, b2=b2, cf1=0.0, cf2=0.0)
+
+
+def friction_gain(plant: Plant, regulator: LQR, counting: Counting = ALL) -> float:
+    """Torque (N m) that this regulator of a plant adds against the undriven joint's Coulomb friction.
+
+    Where the joint moves forwards, friction is a constant torque backwards (``lqr.disturbance_gain``).
+    """
+    damped = linear_friction(plant, counting.damping)
+    return counting.share * disturbance_gain(damped, regulator) * passive_friction(plant, regulator.robot)
 
 
 @jax.jit

@@ -4,19 +4,18 @@ It follows the swing-up by time and does not recover from throws. It is an upper
 more of its plant.
 """
 
-import dataclasses
-
 import numpy as np
 
 from ...plant.plant import Plant
 from ..swingups.reference import Reference
 from .continuation_settings import ContinuationSettings
-from .lqr import LQR, LQRSettings, disturbance_gain, upright_lqr
+from .dry_friction import linear_friction
+from .lqr import LQR, LQRSettings, upright_lqr
 from .switch import LatchingSwitch
 from .tracking import riccati_controller
 
 TOP_WEIGHTS = LQRSettings(state_weights=(1.0, 1.0, 0.1, 0.1), torque_weight=1.0, max_cost_to_go=1000.0)
-"""The best of those that were tried, with the friction of :func:`linear_friction` (``benchmarks/README.md``)."""
+"""The best of those that were tried, with ``dry_friction.linear_friction`` (``benchmarks/README.md``)."""
 
 HAND_OVER = ContinuationSettings().max_error
 """|errors| below which the LQR takes over (rad, rad/s): no accepted swing-up ends farther away. A third and two
@@ -37,21 +36,3 @@ def known_plant_controller(plant: Plant, reference: Reference) -> LatchingSwitch
 def plant_lqr(plant: Plant, reference: Reference) -> LQR:
     """The LQR at the top that is designed for a plant with its friction."""
     return upright_lqr(linear_friction(plant), reference.robot, TOP_WEIGHTS)
-
-
-def friction_gain(plant: Plant, regulator: LQR) -> float:
-    """Torque (N m) that this regulator of a plant adds against all of the undriven joint's Coulomb friction.
-
-    Where the joint moves forwards, friction is a constant torque backwards (``lqr.disturbance_gain``).
-    """
-    return disturbance_gain(linear_friction(plant), regulator) * float(
-        (plant.cf2, plant.cf1)[regulator.robot.joint]
-    )
-
-
-def linear_friction(plant: Plant) -> Plant:
-    """The plant with Coulomb friction as damping: cf arctan(100 q̇) becomes cf q̇ / (1 rad/s).
-
-    Its slope at rest is a hundred times as large, by which a regulator would take the joint for frozen.
-    """
-    return dataclasses.replace(plant, b1=plant.b1 + plant.cf1, b2=plant.b2 + plant.cf2, cf1=0.0, cf2=0.0)

@@ -9,14 +9,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...common.types import Scalar, State, Torque
-from ...plant.base_parameters import Geometry, base_parameters, geometry_of
+from ...plant.base_parameters import Geometry, base_parameters
 from ...plant.equations import Number
 from ...plant.plant import Plant
 from ...plant.robots import Robot
-from ...plant.units import C1, Scales, scaled, scales_of, similar_plant
+from ...plant.units import Scales, scales_of
 from ...policy.regulator import core
 from ...policy.regulator.core import Loop, RegulatorState
-from ...policy.regulator.settings import RICCATI_STEPS, Q, R, RegulatorSettings, fixed_point
+from ...policy.regulator.settings import RICCATI_STEPS, Q, R, RegulatorSettings
 from ...policy.regulator.upright import Discrete
 from ..interface.controller import AbstractController, AbstractPlantController, call_for_plant
 from ..swingups.scalar_algebra import Matrix, Vector, dot, symmetric_times, unpack
@@ -87,10 +87,9 @@ def with_regulator(
         settings: where it acts.
         limit: largest torque of the regulator (N m).
     """
-    base, scales = base_parameters(plant), scales_of(plant)
-    similar, own, limit = similar_plant(plant, scales), scaled(settings, C1.over(scales)), limit / scales.torque
-    start = fixed_point(similar, robot.joint)[TRIANGLE]
-    return RegulatingController(controller, base, start, limit, geometry_of(similar), own, scales, robot)
+    made = core.make_loop(settings, plant, robot.joint, limit, lambda P: P[TRIANGLE], advanced, cost, command)
+    known = made.start, made.torque_limit, made.geometry, made.settings
+    return RegulatingController(controller, base_parameters(plant), *known, scales_of(plant), robot)
 
 
 def advanced(P: Float[Array, "10"], step: Discrete) -> Float[Array, "10"]:

@@ -6,18 +6,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...common.errors import SwingupError
-from ...plant.base_parameters import BASE, base_parameters, geometry_of, lumped
+from ...plant.base_parameters import BASE, base_parameters, lumped
 from ...plant.equations import COULOMB_STEEPNESS, mass_entries
 from ...plant.momentum import CLOSE_RATES
-from ...plant.units import C1, Scales, scaled, scales_of, similar_plant
+from ...plant.units import Scales, scales_of, similar_plant
 from ...policy.estimator import core as estimator
-from ...policy.estimator.settings import EstimatorSettings, kalman_gains, own_estimator
 from ...policy.guard.settings import BRAKED, PUSHING, SENTENCES, STANDSTILLS, GuardSettings, Reason
 from ...policy.identifier import settings as identifier
 from ...policy.identifier.compensation import LEAST_GAIN
+from ...policy.identifier.core import Loop as Identifier
 from ...policy.network.stages import NormaliseStage, PendulumStage, PlantStage, Stage
+from ...policy.numpy_backend.regulator import regulator_loop
 from ...policy.pendulum import PendulumPolicy
 from ...policy.regulator import settings as regulator
+from ...policy.regulator.core import Loop as Regulator
 
 Data = dict[str, int | float | str | np.ndarray]
 """Numbers, texts and arrays by their names, without the prefix."""
@@ -38,7 +40,7 @@ def runtime_data(policy: PendulumPolicy) -> dict[str, Data]:
         "REGULATOR": policy.regulator,
         "GUARD": policy.guard,
     }
-    scales = scales_of(policy.plant)
+    joint = policy.robot.joint
     reasons: Data = {f"GUARD_{reason.name}": reason.value for reason in Reason}
     found: dict[str, Data] = {
         "the switches": {f"HAS_{name}": int(part is not None) for name, part in parts.items()},
@@ -47,12 +49,13 @@ def runtime_data(policy: PendulumPolicy) -> dict[str, Data]:
         "the guard's reasons": reasons | {"GUARD_SENTENCES": ", ".join(f'"{text}"' for text in SENTENCES)},
     }
     if policy.estimator is not None:
-        settings = own_estimator(policy.estimator, scales)
-        found["the estimator"] = estimator_data(settings)
-        if policy.identifier is not None:
-            found["the identifier"] = identifier_data(policy, settings)
+        loop = estimator.make_loop(policy.estimator, policy.plant, joint, policy.identifier)
+        found["the estimator"] = estimator_data(loop)
+        if loop.finding is not None:
+            found["the identifier"] = identifier_data(loop.finding)
     if policy.regulator is not None:
-        found["the regulator"] = regulator_data(scaled(policy.regulator, C1.over(scales)), policy)
+        known = policy.regulator, policy.plant, joint, policy.torque_limit
+        found["the regulator"] = regulator_data(regulator_loop(*known))
     if policy.guard is not None:
         found["the guard"] = guard_data(policy.guard, policy)
     return found
@@ -120,8 +123,9 @@ def _observation_data(stages: Sequence[Stage], scales: Scales) -> Data:
     return data
 
 
-def estimator_data(settings: EstimatorSettings) -> Data:
+def estimator_data(loop: estimator.Loop) -> Data:
     """What the estimator expects of the loop, and the gains of its filters."""
+    settings = loop.settings
     return {
         "DT": settings.dt,
         "LONGEST_GAP": settings.longest_gap,
@@ -133,28 +137,25 @@ def estimator_data(settings: EstimatorSettings) -> Data:
         "OUTLIER_SQUARED": estimator.OUTLIER_SCALE**2,
         "DELAY_PENALTY": estimator.DELAY_PENALTY,
         "RESET_RATE": estimator.RESET_SIGMAS * settings.velocity_noise,
-        "gains": kalman_gains(settings),
+        "gains": np.reshape(loop.gains, (2, 2)),
     }
 
 
-def identifier_data(policy: PendulumPolicy, loop: EstimatorSettings) -> Data:
-    """What the identifier begins with, about the policy's plant, and how it learns in an estimator's loop."""
-    scales, i, driven, dt = scales_of(policy.plant), identifier, np.arange(2) == policy.robot.joint, loop.dt
-    plant = similar_plant(policy.plant, scales)
-    assert policy.identifier is not None  # the caller has looked
-    mean, covariance = i.prior(plant, scaled(policy.identifier, C1.over(scales)))
+def identifier_data(loop: Identifier) -> Data:
+    """What the identifier begins with, and how it learns in an estimator's loop."""
+    i, driven, mean, covariance = identifier, np.arange(2) == loop.joint, loop.mean, loop.covariance
     deviation = np.where(driven, i.DRIVEN_DEVIATION, i.PASSIVE_DEVIATION)
-    nominal = lumped(mean[:BASE], geometry_of(plant))
+    nominal = lumped(mean[:BASE], loop.geometry)
     return {
         "UNKNOWNS": len(mean),
-        "SPAN": i.span(dt),
-        "COMMANDS": i.commands(dt, loop.max_delay_steps),
+        "SPAN": i.span(loop.period),
+        "COMMANDS": i.commands(loop.period, loop.max_delay_steps),
         **{name: getattr(i, name) for name in AS_IN_PYTHON},
         "GATE_SQUARED": i.GATE_SIGMAS**2,
         "CORRELATION": i.POLES / i.BANDWIDTH,
         "CLOSE_RATES": CLOSE_RATES,
         "TILT_RATIO": mean[2] / mean[3],
-        "PASSIVE_LIMIT": policy.torque_limits[1 - policy.robot.joint] / scales.torque,
+        "PASSIVE_LIMIT": loop.passive_limit,
         "LEAST_GAIN": LEAST_GAIN,
         "UNEVEN_SQUARED": i.UNEVEN_STEP**2,
         "mean": mean,
@@ -168,8 +169,9 @@ def identifier_data(policy: PendulumPolicy, loop: EstimatorSettings) -> Data:
     }
 
 
-def regulator_data(settings: regulator.RegulatorSettings, policy: PendulumPolicy) -> Data:
+def regulator_data(loop: Regulator) -> Data:
     """The regulator's costs and bounds, and the cost-to-go of the policy's plant."""
+    settings = loop.settings
     return {
         "COULOMB_DAMPING": regulator.COULOMB_DAMPING,
         "RICCATI_STEP": regulator.RICCATI_STEP,
@@ -180,9 +182,7 @@ def regulator_data(settings: regulator.RegulatorSettings, policy: PendulumPolicy
         "ENTER_COULOMB": settings.enter_coulomb,
         "LEAVE_COULOMB": settings.leave_coulomb,
         "state_weights": np.array(regulator.Q),
-        "cost_to_go": regulator.fixed_point(
-            similar_plant(policy.plant, scales_of(policy.plant)), policy.robot.joint
-        ),
+        "cost_to_go": loop.start[:4, :4],
     }
 
 

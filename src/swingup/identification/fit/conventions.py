@@ -121,12 +121,7 @@ class Finding:
 def check_columns(
     recording: Recording, setting: Integration, start: Float[np.ndarray, "15"], force: bool = False
 ) -> tuple[str, ...]:
-    """Refuse a log whose columns follow other conventions or units; with ``force``, return what would be refused.
-
-    Raises:
-        SwingupError: another reading is much likelier, velocities are not those of the angles, or the log is of
-            something else than such a pendulum.
-    """
+    """Refuse a log whose columns follow other conventions or units; with ``force``, return what is refused."""
     found = find_columns(recording, setting, start)
     if found is None:
         return ()

@@ -1,9 +1,11 @@
-"""Jumps of the angles: turns of an encoder that wraps, measurements that drop out, and resets between episodes."""
+"""Jumps: turns of an encoder that wraps, measurements that drop out, resets and clocks that restart."""
 
 import itertools
 
 import numpy as np
 from jaxtyping import Bool, Float
+
+from ...common.table import spread_evenly
 
 TURNS = (1.0, 2.0 * np.pi, 360.0, *(float(2**k) for k in range(8, 21)), 1000.0, 2000.0, 4000.0, 10000.0)
 """What an angle may wrap at, in units that logs have."""
@@ -18,6 +20,38 @@ UNLIKELY = 20.0
 """A jump beyond so many median deviations is no noise."""
 SHORTEST_PIECE = 0.1
 """A piece between two jumps that is shorter (s) is a dropout."""
+
+
+def one_clock(
+    time: Float[np.ndarray, "rows"], longest: float, pause: float
+) -> tuple[Bool[np.ndarray, "rows"], Float[np.ndarray, "rows"], int, int]:
+    """Times that increase, for episodes that each have their own clock, in which rows may come late or twice.
+
+    Args:
+        time: as recorded (s).
+        longest: time between rows that is a gap (s).
+        pause: time between two episodes of the result (s).
+
+    Returns:
+        The rows to keep, their times, the number of restarts, and the number of rows whose times were spread.
+    """
+    steps = np.diff(time)
+    restarts = np.flatnonzero(steps < -longest) + 1
+    pieces, offset, spread = [], 0.0, 0
+    keep = np.zeros(len(time), bool)
+    for start, end in itertools.pairwise([0, *restarts.tolist(), len(time)]):
+        own = time[start:end]
+        cuts = np.flatnonzero(np.diff(own) > longest) + 1
+        parts = [spread_evenly(part) for part in np.split(own, cuts)]
+        spread += sum(len(part) for part in parts if part is not None)
+        own = np.concatenate(
+            [old if new is None else new for new, old in zip(parts, np.split(own, cuts), strict=True)]
+        )
+        own = own - own[0] + offset
+        keep[start:end] = np.concatenate([[True], own[1:] > np.maximum.accumulate(own)[:-1]])
+        pieces.append(own[keep[start:end]])
+        offset = pieces[-1][-1] + pause
+    return keep, np.concatenate(pieces), len(restarts), spread
 
 
 def continued(angles: Float[np.ndarray, "rows 2"]) -> tuple[Float[np.ndarray, "rows 2"], float | None]:

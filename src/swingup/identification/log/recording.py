@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...common.clock import one_clock
 from ...common.columns import Column, suggest_columns
 from ...common.errors import SwingupError
 from ...common.table import Table, quote_word, read_table
-from .episodes import continued, cut_episodes
+from .episodes import continued, cut_episodes, one_clock
 from .log_checks import (
     LEAST_ROWS,
     SLOWEST_PERIOD,

@@ -143,9 +143,6 @@ def double_pendulum(
         notes: those of the file's reader, which come first.
         inertia: what stated inertias are about, one of :data:`READINGS`; None for the format's own rule.
         asked: whether inertias that may be about either are refused without ``inertia``.
-
-    Raises:
-        SwingupError: the bodies are not a double pendulum in a vertical plane, or the inertias may be either.
     """
     notes, links = list(notes), _links(bodies)
     plane = _plane(links, unit(gravity, "gravity"))

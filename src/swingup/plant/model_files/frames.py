@@ -39,11 +39,7 @@ def turn(axis: Vector, angle: float) -> np.ndarray:
 
 
 def unit(vector: Vector, where: str) -> Vector:
-    """A vector of length 1.
-
-    Raises:
-        SwingupError: it has none.
-    """
+    """A vector of length 1."""
     length = float(np.linalg.norm(vector))
     if not length > 0:
         raise SwingupError(f"{where} has a direction of length 0")

@@ -87,9 +87,6 @@ def read_mjcf(root: Element, about: str | None, gear: float | None) -> Model:
         root: ``<mujoco>``.
         about: what its inertias are about, "centre" or "joint"; None for the centre, as MuJoCo has it.
         gear: gear ratio of the motors; None for the file's.
-
-    Raises:
-        SwingupError: it is not a double pendulum, or has something that changes the motion.
     """
     flags = {name: text for flag in root.iterfind("option/flag") for name, text in flag.attrib.items()}
     reading = _Reading(_merged(root, "compiler"), _merged(root, "option"), flags, _defaults(root))

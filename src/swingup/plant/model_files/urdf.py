@@ -33,9 +33,6 @@ def read_urdf(root: Element, inertia: str | None, gear: float | None) -> Model:
         root: ``<robot>``.
         inertia: what its inertias are about, "centre" or "joint"; None asks where both may be.
         gear: gear ratio of the motors; None for the file's.
-
-    Raises:
-        SwingupError: it is not a double pendulum.
     """
     links = _named(root, "link")
     joints = _named(root, "joint")

@@ -48,7 +48,7 @@ from ...plant.maths import Maths
 from ...plant.momentum import momentum_rows
 from ...plant.plant import Plant
 from . import settings as chosen
-from .compensation import Load, compensation, predicted, shared_load
+from .compensation import Load, compensation
 from .settings import LAG, LOADS, POLES, UNKNOWNS
 
 Array = Any
@@ -237,21 +237,19 @@ def observe(
 
 def found(maths: Maths, loop: Loop, state: IdentifierState) -> Found:
     """What other parts need of the unknowns."""
-    x, joint = maths.numbers(state.unknowns), loop.joint
+    x = maths.numbers(state.unknowns)
     nominal = maths.numbers(maths.xp.asarray(loop.mean[:BASE], state.unknowns.dtype))
     share = share_allowed(x, nominal, loop.geometry, chosen.MARGIN, maths.minimum, maths.root)
     theta = tuple(n + share * (one - n) for one, n in zip(x[:BASE], nominal, strict=True))
-    friction = friction_of(theta)
-    asked, left = compensation(friction, x[chosen.GAIN], joint, loop.passive_limit, maths.maximum)
+    known = x[chosen.GAIN], loop.joint, loop.passive_limit, maths.maximum
+    asked, left, predicted = compensation(friction_of(theta), *known)
     carried, load = None, None
     if len(x) > UNKNOWNS:
-        c1, c2, k1, k2 = x[UNKNOWNS:]
-        known = joint, loop.passive_limit, maths.maximum
-        carried, load = shared_load(Load((c1, c2), (k1, k2)), x[chosen.GAIN], *known)
+        carried, _, load = compensation(Load(x[UNKNOWNS : UNKNOWNS + 2], x[UNKNOWNS + 2 :]), *known)
     return Found(
         theta=theta,
         plant=lumped(theta, loop.geometry),
-        friction=predicted(friction, left, joint, maths.maximum),
+        friction=predicted,
         asked=asked,
         carried=carried,
         load=load,

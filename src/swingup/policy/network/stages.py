@@ -14,7 +14,6 @@ import numpy as np
 from ...common.checks import LARGEST, finite_number, one_of
 from ...common.errors import SwingupError
 from ...common.settings import Range, notes
-from ...common.text import quoted
 from ...plant.base_parameters import BASE
 from ...plant.maths import TURN
 from ...plant.units import VELOCITY
@@ -139,16 +138,11 @@ ARRAYS: dict[str, tuple[str, ...]] = {
 
 def make_stage(entry: Any, arrays: Mapping[str, np.ndarray]) -> Stage:
     """A stage from its entry in the metadata and its arrays, by their names without the prefix."""
-    name = entry.get("name") if isinstance(entry, Mapping) else None
-    if not isinstance(name, str) or name not in STAGES:
-        shown = quoted(entry if name is None else name)
-        raise SwingupError(f"unknown observation stage {shown}: this program knows {', '.join(STAGES)}")
+    name = one_of("observation stage", entry.get("name", entry) if isinstance(entry, Mapping) else entry, STAGES)
     values: dict[str, Any] = {key: value for key, value in entry.items() if key != "name"}
     known = [field.name for field in fields(STAGES[name]) if field.name not in ARRAYS[name]]
     for key in values:
-        if key not in known:
-            some = ", ".join(known)
-            raise SwingupError(f"unknown setting {quoted(key)} of stage {name!r}: use some of {some}")
+        one_of(f"{name} stage setting", key, known)
     for key in ARRAYS[name]:
         if key not in arrays:
             raise SwingupError(f"stage {name!r} lacks its array {key}")

@@ -7,7 +7,7 @@ import numpy as np
 from ...plant.base_parameters import base_parameters
 from ...plant.maths import NUMPY
 from ...plant.robots import Robot
-from ...plant.units import C1, scaled, scales_of, similar_plant
+from ...plant.units import C1, scales_of
 from ..contract import LoopController
 from ..estimator import core as estimator
 from ..estimator.settings import default_estimator
@@ -32,9 +32,9 @@ class NumpyPolicy:
         """Take a policy behind an estimator where its file has one (None), never (False) or always (True)."""
         self.policy, self._joint, self._network = policy, policy.robot.joint, NumpyNetwork(policy)
         joint, scales = self._joint, scales_of(policy.plant)
-        own = C1.over(scales)
         # All but the network computes in C.1's units.
-        self._scales, self._rates, self._base = scales, np.array(own.state), np.array(scales.base)
+        self._scales, self._rates = scales, np.array(C1.over(scales).state)
+        self._base = np.array(scales.base)
         self.loop: estimator.Loop | None = None
         self.shortest_pause = 0.0
         if policy.estimator is not None if estimated is None else estimated:
@@ -43,9 +43,8 @@ class NumpyPolicy:
             self.shortest_pause = SHORTEST_STEP * settings.dt
         self._regulator: regulator.Loop | None = None
         if policy.regulator is not None:
-            plant, limit = similar_plant(policy.plant, scales), policy.torque_limit / scales.torque
-            self._regulator = regulator_loop(scaled(policy.regulator, own), plant, joint, limit)
-            self._held = held(self._regulator, base_parameters(plant).tolist())
+            self._regulator = regulator_loop(policy.regulator, policy.plant, joint, policy.torque_limit)
+            self._held = held(self._regulator, (base_parameters(policy.plant) / self._base).tolist())
         self.reset()
 
     def reset(self) -> None:

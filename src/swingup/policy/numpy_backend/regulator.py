@@ -7,19 +7,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...plant.base_parameters import geometry_of
 from ...plant.plant import Plant
 from ..regulator import core
 from ..regulator.core import Held, Loop
-from ..regulator.settings import RICCATI_STEPS, Q, R, RegulatorSettings, fixed_point
+from ..regulator.settings import RICCATI_STEPS, Q, R, RegulatorSettings
 
 WEIGHTS = np.diag([*Q, R])
 
 
 def regulator_loop(settings: RegulatorSettings, plant: Plant, joint: int, limit: float) -> Loop:
     """What a regulator knows of a plant, whose driven joint's torque has a limit (N m)."""
-    start = np.pad(fixed_point(plant, joint), (0, 1))
-    return Loop(settings, geometry_of(plant), joint, limit, start, advanced, cost, command)
+    return core.make_loop(settings, plant, joint, limit, lambda P: np.pad(P, (0, 1)), advanced, cost, command)
 
 
 def held(loop: Loop, base: Sequence[float]) -> Held:

@@ -18,10 +18,14 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from ...plant.base_parameters import Geometry
+import numpy as np
+
+from ...plant.base_parameters import Geometry, geometry_of
 from ...plant.equations import Number
 from ...plant.maths import Maths
-from .settings import COULOMB_DAMPING, RICCATI_STEP, RegulatorSettings, bounds
+from ...plant.plant import Plant
+from ...plant.units import C1, scaled, scales_of, similar_plant
+from .settings import COULOMB_DAMPING, RICCATI_STEP, RegulatorSettings, bounds, fixed_point
 from .upright import Discrete, upright_step
 
 
@@ -63,6 +67,30 @@ class Loop(NamedTuple):
     """The cost-to-go eᵀ P e, from P and e."""
     command: Callable[[Any, Any, tuple[Number, ...]], Number]
     """The torque -K e (N m), from P, the held step and e."""
+
+
+def make_loop(
+    settings: RegulatorSettings,
+    plant: Plant,
+    joint: int,
+    limit: float,
+    pack: Callable[[np.ndarray], Any],
+    *products: Any,
+) -> Loop:
+    """What a regulator knows of a plant, in C.1's units.
+
+    Args:
+        settings: where it acts.
+        plant: the plant.
+        joint: index of the driven joint.
+        limit: largest torque (N m).
+        pack: keeps P (4, 4) as the loop does.
+        products: the last entries of a loop.
+    """
+    scales = scales_of(plant)
+    own, plant = scaled(settings, C1.over(scales)), similar_plant(plant, scales)
+    start = pack(fixed_point(plant, joint))
+    return Loop(own, geometry_of(plant), joint, limit / scales.torque, start, *products)
 
 
 def begin(maths: Maths, loop: Loop) -> RegulatorState:
