@@ -14,7 +14,6 @@ from swingup.benchmark.robustness_board import RobustnessBoard, upright
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.runner import stack
 from swingup.controllers.baselines.continuation import continue_swingups
-from swingup.controllers.baselines.known_plant import known_plant_controller
 from swingup.plant.plant import Plant
 from swingup.plant.robots import Robot
 
@@ -63,7 +62,7 @@ def optima(robot: Robot, cases: list[Case], rules: RobustnessBoard) -> list[Opti
         return []
     plants = [case.scenario.parameters for case in cases]
     found = continue_swingups(robot, stack(plants))
-    controllers = [known_plant_controller(plant, found.reference(index)) for index, plant in enumerate(plants)]
+    controllers = [found.controller(index, plant) for index, plant in enumerate(plants)]
     final, rows = simulated(controllers, plants, rules)
     held = upright(final, rules.tolerance)
     return [

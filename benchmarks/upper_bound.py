@@ -2,8 +2,8 @@
 
 Usage: python benchmarks/upper_bound.py ROBOT
 
-Each plant of the grid gets its own optimal swing-up (``controllers/baselines/continuation.py``) and its own LQR at
-the top (``controllers/baselines/known_plant.py``), and is judged by the board's rules. A plant that the
+Each plant of the grid gets its own optimal swing-up and its own LQR at the top
+(``controllers/baselines/continuation.py``), and is judged by the board's rules. A plant that the
 continuation does not reach gets the swing-up of the nearest plant on its way. Prints a table in Markdown, and the
 cells that fail. This is no bound in the strict sense: another swing-up or regulator may hold a cell that fails
 here.
@@ -25,7 +25,6 @@ from swingup.benchmark.robustness_board import RobustnessBoard, upright
 from swingup.benchmark.rollout import Scenario, Trajectory, simulate
 from swingup.benchmark.runner import stack
 from swingup.controllers.baselines.continuation import SwingUps, continue_swingups
-from swingup.controllers.baselines.known_plant import known_plant_controller
 from swingup.controllers.baselines.switch import LatchingSwitch
 from swingup.controllers.interface.controller import split
 from swingup.plant.plant import Plant
@@ -81,7 +80,7 @@ def main() -> None:
         print(f"{done} of {total} plants", file=sys.stderr, flush=True)
 
     found = continue_swingups(robot, stack(plants), progress=progress)
-    controllers = [known_plant_controller(plant, found.reference(index)) for index, plant in enumerate(plants)]
+    controllers = [found.controller(index, plant) for index, plant in enumerate(plants)]
     successes = upright(simulated(controllers, plants, rules)[0], rules.tolerance)
     print(table(cases, found, successes))
     print(f"{time.process_time() - began:.0f} s of CPU time")

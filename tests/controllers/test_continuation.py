@@ -14,7 +14,6 @@ from swingup.controllers.baselines.baselines import shipped_reference
 from swingup.controllers.baselines.continuation import accepted, continue_swingups, nominal_swingups
 from swingup.controllers.baselines.continuation_settings import ContinuationSettings, next_step
 from swingup.controllers.baselines.dry_friction import linear_friction
-from swingup.controllers.baselines.known_plant import known_plant_controller
 from swingup.dynamics.angles import UPRIGHT
 from swingup.plant.plant import LEADERBOARD, NAMES
 from swingup.plant.robots import ROBOTS
@@ -116,6 +115,6 @@ def test_three_plants_are_continued_and_end_upright_on_their_plant():
     assert distance.max() < 0.1
     rules = ROBUSTNESS
     for index, plant in enumerate((nominal, heavy, rough)):
-        controller = known_plant_controller(plant, found.reference(index))
+        controller = found.controller(index, plant)
         rows = run_one(controller, Scenario(plant), rules.dt, rules.steps)
         assert upright(rows.x[-1:], rules.tolerance).all()

@@ -58,10 +58,8 @@ class SwingUpBoard(AbstractBoard):
         if setting.domain is None:
             return board
         scales = scales_of(setting.nominal)
-        limits = board.limits and replace(board.limits, speed=board.limits.speed * scales.velocity)
-        return replace(
-            board, limits=limits, pushes={name: scaled(each, scales) for name, each in board.pushes.items()}
-        )
+        pushes = {name: scaled(each, scales) for name, each in board.pushes.items()}
+        return replace(board, limits=board.limits and scaled(board.limits, scales), pushes=pushes)
 
     def cases(self, setting: Setting, seeds: Sequence[int]) -> list[Case]:
         """One swing-up a seed."""

@@ -138,7 +138,7 @@ def parse_column(path: object, name: str, text: str, titles: Sequence[str]) -> C
     # A torque may be zero throughout; nothing else is constant.
     if not column.terms and not (name.startswith("tau") and expression == "0"):
         raise _missing(path, text, titles)
-    column.size(name)  # names a unit that is none
+    column.size(name)  # refuses an unknown unit
     return column
 
 
@@ -177,7 +177,7 @@ _KINDS = {
 }
 """Words in the titles that people give, tried in order."""
 _WANTED = re.compile(r"des|ref|goal|soll|target|filt")
-"""Of titles that are alike, one of these comes last: it was not measured."""
+"""A title with one of these comes after others like it: it was not measured."""
 _JOINTS = {"1": r"shoulder|schulter|upper|first", "2": r"elbow|ell|lower|second"}
 
 

@@ -27,7 +27,7 @@ def read_mat(content: bytes, most: int) -> dict[str, Any]:
 
     Raises:
         NotImplementedError: a file of version 7.3.
-        ValueError: it is no such file, or larger.
+        ValueError: it is another file, or larger.
     """
     if content.startswith(b"MATLAB 7.3"):
         raise NotImplementedError("version 7.3")
@@ -67,7 +67,7 @@ def _elements(data: bytes, order: str, most: int = 0) -> Iterator[tuple[int, byt
 
 
 def _matrix(data: bytes, order: str, depth: int) -> tuple[str, Any]:
-    """Name and value of a matrix; None for what is no number."""
+    """Name and value of a matrix; None for what is not numbers."""
     parts = list(_elements(data, order))
     flags, dimensions = (_numbers(*part, order) for part in parts[:2])
     name, kind = parts[2][1].decode("latin-1"), int(flags[0]) & 0xFF

@@ -15,7 +15,7 @@ from scipy.interpolate import CubicHermiteSpline
 from ..loop.domain import Domain
 from ..loop.loop import LOOP_DT
 from .fit.fit import fit_start
-from .fit.prediction import INDEX, LEAST_LAG, NAMES, Integration, integration_of, predict, vector_of
+from .fit.prediction import INDEX, NAMES, Integration, in_loop, integration_of, predict, vector_of
 from .fit.problem import LATENCY, Problem
 from .fit.scoring import ErrorRow, Errors, error_row, prediction_errors, score_windows, summarise
 from .log.recording import Recording
@@ -129,12 +129,8 @@ def _says(domain: Domain, name: str) -> bool:
 
 def _start(domain: Domain, vector: Float[np.ndarray, "15"]) -> Float[np.ndarray, "15"]:
     """The model's vector with what the domain says of the loop."""
-    values = dict(zip(NAMES, vector, strict=True))
-    for name in ("offset1", "offset2", "gain1", "gain2", *LATENCY):
-        if name in domain.names:
-            values[name] = domain.nominal.value(name)
-    if "response" in domain.names and "lag" not in domain.names:
+    values = {name: domain.nominal.value(name) for name in domain.names}
+    if "response" in values:
         # Of a change of torque, a first-order lag makes this part within a step of the loop.
-        values["lag"] = -LOOP_DT / np.log1p(-min(domain.nominal.loop.response, 0.999))
-    values["lag"] = max(values["lag"], LEAST_LAG)
-    return np.array([values[name] for name in NAMES])
+        values.setdefault("lag", -LOOP_DT / np.log1p(-min(values["response"], 0.999)))
+    return in_loop(vector, values)

@@ -28,10 +28,14 @@ OWN = (*NAMES[9:12], *NAMES[13:])
 
 LEVEL = 0.95
 """Probability of an interval."""
-NARROW = 0.25
+NARROW_INTERVAL = 0.25
 """An interval as wide as this part of its value, or narrower, is determined."""
 OFFSET_SIZE = 0.1
 """What the interval of an offset is measured by (rad): its value may be 0."""
+WIDEST_INTERVAL = (
+    f"{100 * NARROW_INTERVAL:g} % of the value, or {1e3 * NARROW_INTERVAL * OFFSET_SIZE:g} mrad of an offset"
+)
+"""The same in words."""
 SCALE_SPREAD = 0.5
 """Standard deviation of the logarithm of a common factor that no torque fixes."""
 FEW_WINDOWS = 10
@@ -124,7 +128,7 @@ def _add_ratios(found: dict[str, float], sampled: dict[str, np.ndarray], free: s
 
 def _is_determined(name: str, value: float, found: Interval) -> bool:
     size = OFFSET_SIZE if name.startswith("offset") else abs(value)
-    return found[1] - found[0] <= NARROW * size
+    return found[1] - found[0] <= NARROW_INTERVAL * size
 
 
 def make_notes(
@@ -151,8 +155,7 @@ def make_notes(
         notes.append("of delay and lag the logs determine the sum, not the parts")
     unknown = [name for name, sure in estimates.determined.items() if not sure and name in estimates.intervals]
     if unknown:
-        limits = f"{100 * NARROW:g} % of the value, or {1e3 * NARROW * OFFSET_SIZE:g} mrad of an offset"
-        notes.append(f"not determined (interval wider than {limits}): {', '.join(unknown)}")
+        notes.append(f"not determined (interval wider than {WIDEST_INTERVAL}): {', '.join(unknown)}")
     return tuple(notes)
 
 

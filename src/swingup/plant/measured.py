@@ -22,7 +22,7 @@ MORE_NAMES = ("Ic1", "Ic2", "motor")
 """What is given beside a plant's numbers: inertias about the centres of mass (kg m²), and the torque of both motors
 before their gears (N m)."""
 
-USUAL = {"Ir": 0.0, "gr": 1.0, "b1": 0.0, "b2": 0.0, "cf1": 0.0, "cf2": 0.0, "g": 9.81}
+USUAL_VALUES = {"Ir": 0.0, "gr": 1.0, "b1": 0.0, "b2": 0.0, "cf1": 0.0, "cf2": 0.0, "g": 9.81}
 """What need not be given."""
 
 MOTORS = ("tl1", "tl2")
@@ -83,7 +83,7 @@ def _known(
     if inertia is not None:
         raise SwingupError(f"inertia = {inertia} says how to read a URDF or an MJCF: leave it out")
     if source is None:
-        return dict(USUAL), [], "measured"
+        return dict(USUAL_VALUES), [], "measured"
     found = load_plant(source)
     return found.values(), [], found.name
 

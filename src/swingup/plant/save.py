@@ -17,7 +17,7 @@ from .base_parameters import BASE_NAMES, base_parameters
 from .model_files.writers import is_buildable, write_model
 from .plant import MODEL_FILES, PARAMETER_FILES, PLANT_FILES, Plant, validated
 
-MARGIN = 1.05
+INERTIA_MARGIN = 1.05
 """Inertia above that of a point mass, m r²."""
 
 
@@ -59,12 +59,12 @@ def representative(base: Mapping[str, float], start: Plant) -> Plant:
     l1, gear = float(start.l1), float(start.gr)
     shoulder = base["A"] - base["B"]
     # Bodies in a simulation have no geared rotors: a part of the elbow's inertia is theirs (``without_rotors``).
-    least = MARGIN * base["m2r2"] ** 2 / (base["B"] - gear * base["Ir"])
+    least = INERTIA_MARGIN * base["m2r2"] ** 2 / (base["B"] - gear * base["Ir"])
     most = min(0.95 * shoulder / l1**2, 0.98 * base["k"] / l1)
     # Where link 2 is too heavy for its inertia, the masses cannot be consistent: the equations still hold.
     m2 = float(np.clip(start.m2, least, most)) if 0 < least < most else most
     rest, I1 = base["k"] - m2 * l1, shoulder - m2 * l1**2
-    m1 = max(float(start.m1), MARGIN * rest**2 / I1)
+    m1 = max(float(start.m1), INERTIA_MARGIN * rest**2 / I1)
     found = Plant(
         m1=m1, m2=m2, l1=l1, l2=float(start.l2), r1=rest / m1, r2=base["m2r2"] / m2, I1=I1, I2=base["B"],
         Ir=base["Ir"], gr=gear, b1=base["b1"], b2=base["b2"], cf1=base["cf1"], cf2=base["cf2"],

@@ -19,6 +19,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
+import numpy as np
+
 from ..common.errors import SwingupError
 from ..common.settings import notes
 from .equations import lump
@@ -131,7 +133,7 @@ def scaled(record: RecordT, scales: Scales) -> RecordT:
 
     Args:
         record: a dataclass. Fields whose annotations have a :class:`Unit` are multiplied by it, or the numbers of a
-            tuple by one each; None stays. Records in other fields are scaled as well.
+            tuple or of an array's last axis by one each; None stays. Records in other fields are scaled as well.
         scales: the pendulum's units.
     """
     changes: dict[str, Any] = {}
@@ -145,10 +147,11 @@ def scaled(record: RecordT, scales: Scales) -> RecordT:
 
 
 def _times(value: Any, units: tuple[Unit, ...], scales: Scales) -> Any:
-    if not isinstance(value, tuple):
-        return value * scales.of(*units)
-    each = units * len(value) if len(units) == 1 else units
-    return tuple(number * scales.of(unit) for number, unit in zip(value, each, strict=True))
+    factors = [scales.of(unit) for unit in units]
+    if isinstance(value, tuple):
+        each = factors * len(value) if len(factors) == 1 else factors
+        return tuple(number * factor for number, factor in zip(value, each, strict=True))
+    return value * (factors[0] if len(factors) == 1 else np.array(factors))
 
 
 def _time_and_gravity(p: "Plant") -> tuple[float, float]:

@@ -11,9 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..common.types import Scalar, State
-from ..controllers.baselines.continuation import SwingUps
+from ..controllers.baselines.continuation import SwingUps, plant_lqr
 from ..controllers.baselines.dry_friction import friction_gain
-from ..controllers.baselines.known_plant import plant_lqr
 from ..controllers.stack.controller import PolicyController, plant_of
 from ..controllers.stack.maths import JAX
 from ..dynamics.angles import UPRIGHT, wrap_difference
@@ -77,7 +76,7 @@ def make_teachers(swingups: SwingUps, nominal: Plant = LEADERBOARD) -> Teachers:
     """Teachers for the plants that the swing-ups are of, about a nominal one."""
     columns = [getattr(swingups.plants, name) for name in NAMES]
     plants = [validated(Plant(*values)) for values in zip(*columns, strict=True)]
-    regulators = [plant_lqr(plant, swingups.reference(index)) for index, plant in enumerate(plants)]
+    regulators = [plant_lqr(plant, swingups.robot) for plant in plants]
     centre = base_parameters(nominal.driven(swingups.robot))
     bases = np.stack([base_parameters(plant) for plant in plants])
     gains, cost_to_go = (np.stack([getattr(each, name) for each in regulators]) for name in ("gains", "cost_to_go"))

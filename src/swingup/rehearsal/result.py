@@ -26,7 +26,7 @@ class Rehearsal:
     """Largest angle (rad) and speed (rad/s) of a joint; None where neither guard nor board has limits."""
     real_time: bool
     timings: tuple[Timing, ...]
-    """Of each run."""
+    """What was measured of each run."""
     facts: dict[str, Any]
     """What the folder says of itself."""
 

@@ -22,7 +22,7 @@ from ..identification.open_loop import (
     predicted_curves,
     smoothed,
 )
-from ..identification.results import NARROW, OFFSET_SIZE
+from ..identification.results import WIDEST_INTERVAL
 from ..plant.robots import get_robot
 from .compare import ClosedLoop, Comparison
 from .figure import DASHED, DOTS, LINE, THIN, Curve, Figure, Panel
@@ -244,8 +244,8 @@ def _parameters(identification: Identification) -> Part:
         for name, (low, high) in found.intervals.items()
     ]
     note = (
-        f"SI units. Determined: the 95 % interval is no wider than {100 * NARROW:g} % of the value, or than "
-        f"{1e3 * NARROW * OFFSET_SIZE:g} mrad for an offset. Intervals come from a bootstrap over logs and blocks."
+        f"SI units. Determined: the 95 % interval is no wider than {WIDEST_INTERVAL}. Intervals come from a "
+        "bootstrap over logs and blocks."
     )
     return Part("Parameters", note, [Table(("Parameter", "Value", "95 % interval", "Determined"), rows)])
 

@@ -10,13 +10,12 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 
 from ...common.types import State, Torque
 from ...plant.equations import COULOMB_STEEPNESS
 from ...plant.plant import Plant
 from ...plant.robots import Robot
-from ...plant.units import Scales
+from ...plant.units import Scales, scaled
 from ..interface.controller import AbstractController, joint_torques
 from ..interface.time import Time, TimeLike, never, since_first_call
 from ..swingups.design import Search
@@ -79,11 +78,9 @@ def optimal_for(optimal: Optimal, time: float) -> Optimal:
 
 def in_real_units(reference: Reference, scales: Scales) -> Reference:
     """A swing-up of a similar pendulum as that of the plant itself."""
-    rates = np.array([1.0, 1.0, scales.time, scales.time])
-    states, gains = reference.states / rates, reference.gains * rates * scales.torque
+    found = scaled(reference, scales)
     # A step's length is a round number of real time.
-    dt = round(reference.dt * scales.time, 12)
-    return Reference(reference.robot, dt, states, reference.torque * scales.torque, gains)
+    return replace(found, dt=round(found.dt, 12))
 
 
 class InOwnUnits(AbstractController[tuple[Time, Any]]):

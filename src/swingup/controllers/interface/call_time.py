@@ -21,7 +21,7 @@ CALLS = 100
 """Calls that are timed."""
 PATIENCE = 0.5
 """No more calls in plain Python are timed after this (s)."""
-LONG = 120.0
+ANNOUNCED_TIME = 120.0
 """Simulations that take longer than this are announced (s)."""
 
 _LOGGER = logging.getLogger(__name__)
@@ -85,7 +85,7 @@ def slow_call(took: float | None, dt: float) -> str | None:
 
 def announce(seconds: float, took: float, simulations: int, bound: str = "about ") -> None:
     """Log how long simulations will take, if that is long."""
-    if seconds > LONG:
+    if seconds > ANNOUNCED_TIME:
         many = f"{simulations} simulations take" if simulations > 1 else "the simulation takes"
         _LOGGER.warning("%s %s%s: one call takes %.3g ms", many, bound, duration(seconds), 1000 * took)
 

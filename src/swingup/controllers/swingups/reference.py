@@ -1,7 +1,7 @@
 """Swing-up trajectories to follow, and their documented files without pickle."""
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import equinox as eqx
 import numpy as np
@@ -12,6 +12,7 @@ from ...common.checks import positive_number
 from ...common.errors import SwingupError
 from ...common.version import __version__
 from ...plant.robots import Robot, get_robot
+from ...plant.units import DAMPING, STATE, TIME, TORQUE
 
 REFERENCE_FORMAT = "swingup trajectory"
 REFERENCE_VERSION = 1
@@ -23,13 +24,13 @@ class Reference(eqx.Module):
     """A trajectory x_{n+1} = f(x_n, u_n) of the driven joint's torques, with feedback gains along it."""
 
     robot: Robot = eqx.field(static=True)
-    dt: float
+    dt: Annotated[float, TIME]
     """Time between rows (s)."""
-    states: Float[Any, "rows 4"]
+    states: Annotated[Float[Any, "rows 4"], *STATE]
     """[q1, q2, dq1, dq2] (rad, rad/s)"""
-    torque: Float[Any, "rows"]
+    torque: Annotated[Float[Any, "rows"], TORQUE]
     """N m"""
-    gains: Float[Any, "rows 4"]
+    gains: Annotated[Float[Any, "rows 4"], TORQUE, TORQUE, DAMPING, DAMPING]
     """K (N m/rad, N m s/rad) of u + K (x - x_i)."""
 
     @property

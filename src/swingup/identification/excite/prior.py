@@ -8,7 +8,7 @@ from jaxtyping import Float
 from ...loop.domain import Domain, make_domain
 from ...plant.plant import NAMES as PLANT_NAMES
 from ...plant.plant import Plant
-from ..fit.prediction import INDEX, LEAST_LAG, vector_of
+from ..fit.prediction import INDEX, in_loop, vector_of
 from ..fit.unknowns import MASSES
 from ..plant_file import domain_of
 
@@ -66,9 +66,4 @@ def corner_models(domain: Domain) -> Float[np.ndarray, "corners 15"]:
 def _model(domain: Domain, values: dict[str, float], plant: Plant | None = None) -> np.ndarray:
     """A model's vector; loop values that the domain does not have are typical ones."""
     own = {name: value for name, value in values.items() if name in PLANT_NAMES}
-    vector = vector_of(domain.plant.changed(**own) if plant is None else plant)
-    for name in ("gain1", "gain2", "delay", "lag"):
-        if name in values:
-            vector[INDEX[name]] = values[name]
-    vector[INDEX["lag"]] = max(vector[INDEX["lag"]], LEAST_LAG)
-    return vector
+    return in_loop(vector_of(domain.plant.changed(**own) if plant is None else plant), values)

@@ -26,16 +26,16 @@ from .regression import AS_IS, LEAST_SPANS, Reading, Solution, cut_spans, regres
 from .scoring import prediction_skill
 from .unknowns import MASSES
 
-LIKELIER = math.log(2.0)
+LIKELIER_COST = math.log(2.0)
 """Difference of costs from which another reading is named: real logs have at most log 1.4."""
-GOOD, BETTER = 0.3, 0.7
+GOOD_SHARE, BETTER_SHARE = 0.3, 0.7
 """It must also leave less than this share of the motion unexplained, and of what the log as it is leaves: with much
 noise another reading may be likelier and no better."""
-PAIR_LIKELIER = math.log(1.5)
+PAIR_LIKELIER_COST = math.log(1.5)
 """Difference of costs from which a pair is named rather than one convention."""
-SUSPICIOUS = 0.08
+SUSPICIOUS_SHARE = 0.08
 """Unexplained share from which pairs are tried."""
-FOREIGN, UNPREDICTED = 0.3, 0.5
+FOREIGN_SHARE, UNPREDICTED_SHARE = 0.3, 0.5
 """A log is refused above this unexplained share, if the better of start and regression also predicts the angles
 after 0.25 s with an error above this share of their motion."""
 FREE_FALL = (0.1, 0.15)
@@ -43,11 +43,11 @@ FREE_FALL = (0.1, 0.15)
 have a larger error than this; recordings of free falls have 0.07 and 0.09."""
 MISMATCH = 1.5
 """Ratio of the angles' slopes to recorded velocities, or its inverse, that noise does not explain."""
-NOTABLE = 1.3
+NOTABLE_FACTOR = 1.3
 """A common factor of the masses that is worth a note."""
-FAR = 2.5
+FAR_FACTOR = 2.5
 """A factor of one mass or inertia that is worth a note; the bounds of the fit are 10 times the start's."""
-FASTEST = 400.0
+LARGEST_SPEED = 400.0
 """Speed (rad/s) that no reading may have."""
 
 _SAME, _SWAP, _TURN1, _TURN2 = np.eye(2), np.eye(2)[::-1], np.diag([-1.0, 1.0]), np.diag([1.0, -1.0])
@@ -58,7 +58,7 @@ class Convention(NamedTuple):
     """One other way to read the columns."""
 
     group: str
-    """Of one group at most one convention holds."""
+    """At most one convention of a group holds."""
     text: str
     angles: Float[np.ndarray, "2 2"] = _SAME
     torques: Float[np.ndarray, "2 2"] = _SAME
@@ -146,13 +146,15 @@ def find_columns(recording: Recording, setting: Integration, start: Float[np.nda
     singles = [((each,), scan.solve((each,))) for each in conventions]
     best: Sequence[Convention]
     best, found = min(singles, key=lambda each: each[1].cost)
-    if min(plain.unexplained, found.unexplained) > SUSPICIOUS:
+    if min(plain.unexplained, found.unexplained) > SUSPICIOUS_SHARE:
         pairs = (pair for pair in itertools.combinations(conventions, 2) if pair[0].group != pair[1].group)
         # A command's age hardly matters to what is told here.
         pair, solution = min(((pair, scan.solve(pair, ages=1)) for pair in pairs), key=lambda each: each[1].cost)
-        if solution.cost < found.cost - PAIR_LIKELIER:
+        if solution.cost < found.cost - PAIR_LIKELIER_COST:
             best, found = pair, solution
-    if found.cost < plain.cost - LIKELIER and found.unexplained < min(GOOD, BETTER * plain.unexplained):
+    if found.cost < plain.cost - LIKELIER_COST and found.unexplained < min(
+        GOOD_SHARE, BETTER_SHARE * plain.unexplained
+    ):
         shares = f"as it is, {_share(plain)} of the motion stays unexplained, otherwise {_share(found)}"
         texts = " and ".join(dict.fromkeys(each.text for each in best))
         return Finding(f"{texts}: {shares}", remedy(recording, scan.reading(best)))
@@ -179,7 +181,7 @@ class _Scan:
         self.solved: dict[bytes, Solution] = {}
 
     def reading(self, conventions: Sequence[Convention]) -> Reading:
-        """Of several conventions: units come first, then the order of the table."""
+        """The reading by several conventions: units come first, then the order of the table."""
         order = [*dict.fromkeys(["unit", *(each.group for each in CONVENTIONS)])]
         found = AS_IS
         for each in sorted(conventions, key=lambda each: order.index(each.group)):
@@ -188,7 +190,7 @@ class _Scan:
 
     def too_fast(self, conventions: Sequence[Convention]) -> bool:
         """Whether the joints would move faster than any pendulum."""
-        return bool(np.any(np.abs(self.reading(conventions).angles) @ self.fastest > FASTEST))
+        return bool(np.any(np.abs(self.reading(conventions).angles) @ self.fastest > LARGEST_SPEED))
 
     def solve(self, conventions: Sequence[Convention], ages: int = 4) -> Solution:
         """The regression's solution; readings that are the same, or another's mirror image, are solved once."""
@@ -254,7 +256,7 @@ def _combined(
 
 def _check_speed(recording: Recording) -> Finding | None:
     fastest = np.quantile(np.abs(np.diff(recording.q, axis=0) / np.diff(recording.time)[:, None]), 0.99, axis=0)
-    if fastest.max() <= FASTEST:
+    if fastest.max() <= LARGEST_SPEED:
         return None
     joint = int(fastest.argmax())
     return Finding(
@@ -311,7 +313,7 @@ def _velocity_relations(
 def _check_foreign(
     recording: Recording, setting: Integration, start: np.ndarray, plain: Solution, driven: bool
 ) -> Finding | None:
-    least, largest = (FOREIGN, UNPREDICTED) if driven else FREE_FALL
+    least, largest = (FOREIGN_SHARE, UNPREDICTED_SHARE) if driven else FREE_FALL
     if plain.unexplained < least:
         return None
     predicted = prediction_skill(recording, setting, start, plain.values) < largest
@@ -332,9 +334,18 @@ def mass_notes(problem: Problem, model: Float[np.ndarray, "15"], recording: Reco
     ratios = {name: float(model[INDEX[name]] / problem.start[INDEX[name]]) for name in MASSES[:4]}
     first, second = ratios["k"], ratios["m2r2"]
     factor, unequal = math.sqrt(first * second), max(first / second, second / first)
-    if not problem.driven or problem.knows_mass or 1 / NOTABLE < factor < NOTABLE or unequal > NOTABLE:
+    if (
+        not problem.driven
+        or problem.knows_mass
+        or 1 / NOTABLE_FACTOR < factor < NOTABLE_FACTOR
+        or unequal > NOTABLE_FACTOR
+    ):
         names = {entry: name for name, entry in KNOWN.items()}
-        far = [f"{names[entry]} {ratio:.2g} times" for entry, ratio in ratios.items() if not 1 / FAR < ratio < FAR]
+        far = [
+            f"{names[entry]} {ratio:.2g} times"
+            for entry, ratio in ratios.items()
+            if not 1 / FAR_FACTOR < ratio < FAR_FACTOR
+        ]
         if not far:
             return []
         return [

@@ -11,7 +11,7 @@ Angles are measured with constant offsets: q = measured - offset.
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
@@ -69,6 +69,15 @@ def integration_of(p: Plant) -> Integration:
 def vector_of(p: Plant, delay: float = 0.004, lag: float = 0.002) -> Float[np.ndarray, "15"]:
     """A model's vector from a plant's parameters, with offsets of 0 and gains of 1."""
     return np.append(base_parameters(p), [0.0, 0.0, 1.0, 1.0, delay, lag])
+
+
+def in_loop(model: Float[np.ndarray, "15"], values: Mapping[str, float]) -> Float[np.ndarray, "15"]:
+    """A model's vector with what is known of its loop, by the names of its entries; other names are ignored."""
+    known = [name for name in NAMES[len(BASE_NAMES) :] if name in values]
+    changed = model.copy()
+    changed[[INDEX[name] for name in known]] = [values[name] for name in known]
+    changed[INDEX["lag"]] = max(changed[INDEX["lag"]], LEAST_LAG)
+    return changed
 
 
 def predict(setting: Integration, model: Float[np.ndarray, "15"], windows: Segments) -> np.ndarray:

@@ -9,14 +9,14 @@ from ...common.table import spread_evenly
 
 TURNS = (1.0, 2.0 * np.pi, 360.0, *(float(2**k) for k in range(8, 21)), 1000.0, 2000.0, 4000.0, 10000.0)
 """What an angle may wrap at, in units that logs have."""
-FILLED = 0.7
+FILLED_SHARE = 0.7
 """Share of a turn that angles which wrap reach."""
 
-NEAR, NEAR_TIME = 4, 0.02
+NEAR_ROWS, NEAR_TIME = 4, 0.02
 """Rows and time (s) to each side whose median slope predicts the next angle."""
 LEAST_JUMP, ACCELERATION = 0.15, 400.0
 """Least jump (rad), and acceleration (rad/s²) that makes none: smaller jumps are noise, or the pendulum's own."""
-UNLIKELY = 20.0
+UNLIKELY_DEVIATIONS = 20.0
 """A jump beyond so many median deviations is no noise."""
 SHORTEST_PIECE = 0.1
 """A piece between two jumps that is shorter (s) is a dropout."""
@@ -61,7 +61,7 @@ def continued(angles: Float[np.ndarray, "rows 2"]) -> tuple[Float[np.ndarray, "r
     """
     reach, steps = np.ptp(angles, axis=0), np.abs(np.diff(angles, axis=0)).max(axis=0)
     for turn in TURNS:
-        wraps = (reach <= turn * (1 + 1e-6)) & (reach > FILLED * turn) & (steps > FILLED * turn)
+        wraps = (reach <= turn * (1 + 1e-6)) & (reach > FILLED_SHARE * turn) & (steps > FILLED_SHARE * turn)
         if np.any(wraps):
             # The other joint wraps at the same angle, where it does.
             return np.where(reach <= turn * (1 + 1e-6), np.unwrap(angles, period=turn, axis=0), angles), turn
@@ -115,16 +115,18 @@ def cut_episodes(
 
 def _jumps(time: np.ndarray, q: np.ndarray, longest: float) -> np.ndarray:
     """Numbers of the rows after which an angle jumps, as no motion does; gaps in time do not count."""
-    if len(time) < 4 * NEAR:
+    if len(time) < 4 * NEAR_ROWS:
         return np.zeros(0, int)
     steps = np.diff(time)
-    near = int(np.clip(NEAR_TIME / np.median(steps), 1, NEAR))
+    near = int(np.clip(NEAR_TIME / np.median(steps), 1, NEAR_ROWS))
     slopes = np.diff(q, axis=0) / steps[:, None]
     padded = np.pad(slopes, ((near, near), (0, 0)), mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * near + 1, axis=0)
     before, after = np.median(windows[..., :near], axis=-1), np.median(windows[..., near + 1 :], axis=-1)
     jumps = np.abs(slopes - 0.5 * (before + after)) * steps[:, None]
-    least = np.maximum(LEAST_JUMP + ACCELERATION * steps[:, None] ** 2, UNLIKELY * 1.48 * np.median(jumps, axis=0))
+    least = np.maximum(
+        LEAST_JUMP + ACCELERATION * steps[:, None] ** 2, UNLIKELY_DEVIATIONS * 1.48 * np.median(jumps, axis=0)
+    )
     # Where the pendulum turns quickly, slopes differ from one side to the other.
     far = jumps > least + 2.0 * np.abs(before - after) * steps[:, None]
     return np.flatnonzero(far.any(axis=1) & (steps <= longest))

@@ -16,7 +16,7 @@ SLOWEST_PERIOD = 0.1
 """Longest median period (s): a pendulum moves too far between rows."""
 SLOW_PERIOD = 0.0315
 """Median period (s) from which parameters come out wrong: those of C.1 by a quarter at 20 Hz."""
-USUAL = (2e-4, 0.06)
+USUAL_PERIODS = (2e-4, 0.06)
 """Usual periods (s), which tell the unit of a time."""
 LEAST_MOTION = 2e-3
 """Least range of an angle (rad)."""
@@ -36,7 +36,9 @@ def check_time(name: str, time: Float[np.ndarray, "rows"], title: str) -> None:
         title: the word of ``--columns`` for the time, without a unit.
     """
     period = float(np.median(np.diff(time)))
-    usual = next((unit for unit, size in UNITS["time"].items() if USUAL[0] <= period * size <= USUAL[1]), "")
+    usual = next(
+        (unit for unit, size in UNITS["time"].items() if USUAL_PERIODS[0] <= period * size <= USUAL_PERIODS[1]), ""
+    )
     if period > SLOWEST_PERIOD and usual and usual != "s":
         raise SwingupError(
             f"{name}: rows are {period:g} s apart (median): the time looks like {usual}; read it with "
@@ -121,9 +123,9 @@ def longest_step(period: float) -> float:
     return max(GAP, GAP_PERIODS * period)
 
 
-def slopes_of(time: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Mean velocities over about 20 ms around each row (rad/s)."""
-    reach = max(1, round(0.01 / float(np.median(np.diff(time)))))
+def slopes_of(time: np.ndarray, q: np.ndarray, reach: int | None = None) -> np.ndarray:
+    """Mean velocities (rad/s) over a number of rows to each side of each row; over about 20 ms without one."""
+    reach = max(1, round(0.01 / float(np.median(np.diff(time))))) if reach is None else reach
     rows = np.arange(len(time))
     after, before = np.minimum(rows + reach, len(time) - 1), np.maximum(rows - reach, 0)
     return (q[after] - q[before]) / (time[after] - time[before])[:, None]

@@ -23,6 +23,7 @@ from .log_checks import (
     check_time,
     find_warnings,
     longest_step,
+    slopes_of,
 )
 
 _POSITIONS = (("pos_meas1", "pos_meas2"), ("pos1", "pos2"))
@@ -261,10 +262,7 @@ def _fresh_rows(
     parts = [part for part in (q, dq, measured) if part is not None]
     same = np.all([np.all(np.diff(part, axis=0) == 0, axis=1) for part in parts], axis=0)
     # The mean speed over five rows to each side: one repeated row alone would show no speed.
-    reach = min(5, len(time) // 2)
-    rows = np.arange(len(time))
-    after, before = np.minimum(rows + reach, len(time) - 1), np.maximum(rows - reach, 0)
-    speed = np.abs(q[after] - q[before]) / (time[after] - time[before])[:, None]
+    speed = np.abs(slopes_of(time, q, min(5, len(time) // 2)))
     moved = speed[1:] * np.diff(time)[:, None] > REPEAT_MOTION * np.maximum(np.asarray(quantum), 1e-6)
     return np.concatenate([[True], ~(same & moved.any(axis=1))])
 

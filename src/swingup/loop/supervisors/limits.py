@@ -1,9 +1,12 @@
 """Limits of angle and speed, beyond which a robot stops or throws its pendulum."""
 
+from typing import Annotated
+
 import equinox as eqx
 import jax.numpy as jnp
 
 from ...common.types import Flag, Scalar, State, Torque
+from ...plant.units import VELOCITY
 from .supervisor import AbstractSupervisor, Intervention
 
 BRAKE = 1.0
@@ -15,7 +18,7 @@ class Limits(eqx.Module):
 
     angle: float | Scalar
     """rad; angles are not wrapped."""
-    speed: float | Scalar
+    speed: Annotated[float | Scalar, VELOCITY]
     """rad/s"""
 
     def exceeded(self, x: State) -> Flag:

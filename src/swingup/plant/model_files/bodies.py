@@ -16,19 +16,19 @@ from ...common.errors import SwingupError
 from ...common.text import quoted
 from .frames import Frame, Vector, unit
 
-TURNED = 1e-3
+TURNED_ANGLE = 1e-3
 """Angles up to this (rad) are roundings of a file."""
 
 OFF_LINE = 0.02
 """Largest distance of a centre from its link's line that is left out, as a part of the link's length."""
 
-NOTHING = 1e-6
-"""A length that is none (m)."""
+SMALLEST_LENGTH = 1e-6
+"""Shorter lengths count as 0 (m)."""
 
-BALANCED = 1e-6
+BALANCED_SHARE = 1e-6
 """A centre nearer to the elbow than this part of l1 has no direction."""
 
-EITHER = 0.6
+EITHER_SHARE = 0.6
 """An inertia above this part of m r² may be about the joint. Rods have a third of it about their centres, and
 bodies at least all of it about their joints; RealAIGym's fits go down to 0.77 there."""
 
@@ -117,7 +117,7 @@ class _Plane(NamedTuple):
     """The vertical plane of the motion."""
 
     axis: Vector
-    """Of link 1's joint."""
+    """The axis of link 1's joint."""
     down: Vector
     side: Vector
     """Where a link that hangs moves first, when it turns about the axis."""
@@ -149,7 +149,7 @@ def double_pendulum(
     first, second = (link.hinge for link in links)
     arm = plane.joint(links[1]) - plane.joint(links[0])
     l1 = float(np.hypot(*arm))
-    if not l1 > NOTHING:
+    if not l1 > SMALLEST_LENGTH:
         raise SwingupError(f"joint {quoted(second.name)} lies on the axis of {quoted(first.name)}")
     along = arm / l1
     about_joint = _about_joint(links, inertia, asked, notes)
@@ -158,7 +158,7 @@ def double_pendulum(
     reach = float(np.hypot(*centre2))
     tip = _tip(links[1], plane, reach)
     straight, r2 = centre2, reach
-    if not reach > BALANCED * l1:
+    if not reach > BALANCED_SHARE * l1:
         straight = along if tip is None else tip[1]
     elif tip is not None and float(tip[1] @ centre2) < 0:  # a counterweight on the other side of the elbow
         straight, r2 = -centre2, -reach
@@ -209,13 +209,13 @@ def _plane(links: tuple[_Link, _Link], down: Vector) -> _Plane:
     """The plane of the motion, refused where it is not vertical, or the links move in two."""
     (first, second), (one, other) = (link.axis for link in links), (quoted(link.hinge.name) for link in links)
     lean = math.asin(min(1.0, abs(float(first @ down))))
-    if lean > TURNED:
+    if lean > TURNED_ANGLE:
         raise SwingupError(
             f"the axis of joint {one} leans {math.degrees(lean):.3g}° from the horizontal: a plant swings in a "
             "vertical plane"
         )
     turned = math.asin(min(1.0, float(np.linalg.norm(np.cross(first, second)))))
-    if turned > TURNED:
+    if turned > TURNED_ANGLE:
         raise SwingupError(
             f"the axis of joint {other} is turned by {math.degrees(turned):.3g}° from that of {one}: a plant's "
             "links swing in one plane"
@@ -234,7 +234,7 @@ def _about_joint(links: Sequence[_Link], inertia: str | None, asked: bool, notes
                 own, point = float(hinge.axis @ part.inertia @ hinge.axis), part.mass * float(arm @ arm)
                 readings.append((quoted(body.name), own, point))
     # Where m r² is nothing, both readings agree.
-    unclear = any(own > EITHER * point > 1e-6 * own for _, own, point in readings)
+    unclear = any(own > EITHER_SHARE * point > 1e-6 * own for _, own, point in readings)
     shown = " and ".join(f"{own:.4g} kg m² of {name}" for name, own, _ in readings)
     if inertia is None and unclear and asked:
         raise SwingupError(
@@ -276,7 +276,7 @@ def _check_line(link: _Link, off: float, l1: float, notes: list[str]) -> None:
     if abs(off) > OFF_LINE * l1:
         name = quoted(link.bodies[0][0].name)
         raise SwingupError(f"the centre of mass of link {name} {beside}, and a plant has it on that line")
-    if abs(off) > TURNED * l1:
+    if abs(off) > TURNED_ANGLE * l1:
         notes.append(f"left out: the centre of mass of link 1 {beside}")
 
 
@@ -290,7 +290,7 @@ def _tip(link: _Link, plane: _Plane, reach: float) -> tuple[str, np.ndarray] | N
     for found in (marks, ends):
         far = [(name, plane.flat(at) - plane.joint(link)) for name, at in found]
         name, at = max(far, key=lambda each: float(np.hypot(*each[1])), default=("", np.zeros(2)))
-        if float(np.hypot(*at)) > max(0.5 * reach, NOTHING):
+        if float(np.hypot(*at)) > max(0.5 * reach, SMALLEST_LENGTH):
             return name, at
     return None
 
@@ -303,12 +303,12 @@ def _angles(
     for number, (link, angle) in enumerate(zip(links, hanging, strict=True), 1):
         sign = math.copysign(1.0, float(links[0].axis @ link.axis))
         offset = math.remainder(angle - sign * link.hinge.zero, 2 * math.pi)
-        offset += 2 * math.pi if offset < TURNED - math.pi else 0.0  # π, also where rounding makes it -π
+        offset += 2 * math.pi if offset < TURNED_ANGLE - math.pi else 0.0  # π, also where rounding makes it -π
         plain = "" if sign > 0 else "-"
-        shown = f"{offset:.4g} {plain or '+'} " if abs(offset) > TURNED else plain
+        shown = f"{offset:.4g} {plain or '+'} " if abs(offset) > TURNED_ANGLE else plain
         told.append(f"q{number} = {shown}{quoted(link.hinge.name)}")
         found.append((sign, offset))
-    if any(sign < 0 or abs(offset) > TURNED for sign, offset in found):
+    if any(sign < 0 or abs(offset) > TURNED_ANGLE for sign, offset in found):
         notes.append(f"angles: {' and '.join(told)}")
     return found[0], found[1]
 
