@@ -77,6 +77,7 @@ def predict_log(recording: Recording, domain: Domain, name: str) -> OpenLoop:
     """
     plant = domain.nominal_plant
     setting, start = integration_of(plant), _start(domain, vector_of(plant))
+    # What the domain says is judged as it is; what it leaves open must not spoil the plant's errors.
     known = {each: float(start[INDEX[each]]) for each in LATENCY if _says(domain, each)}
     fitted = tuple(each for each in LATENCY if each not in known) if any(recording.driven) else ()
     problem = Problem(setting, start, [recording], [0], known)

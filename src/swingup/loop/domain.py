@@ -135,6 +135,7 @@ class Domain:
     @property
     def depth(self) -> int:
         """Number of states that the loop remembers: the longest delay and gap, and a difference before."""
+        # The shortest period has the most steps in a delay.
         shortest, high = self.low.value("period"), self.high
         gap = whole_steps(high.value("dropout"), shortest) if high.value("dropouts") else 0
         return whole_steps(high.value("delay"), shortest) + gap + 1 + self.effects.differences

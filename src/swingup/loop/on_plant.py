@@ -33,6 +33,7 @@ def loop_around(plant: PlantLike | Domain | None, domain: Domain | str | None) -
     facts = plant if isinstance(plant, Domain) else plant_as_domain(plant)
     if domain is None:
         return facts
+    # A weaker motor has weaker noise, pushes and rate limits; clocks and encoders stay.
     scales = scales_of(facts.nominal_plant).over(scales_of(domain.plant))
     # What the plant's own file says of its loop stays.
     added = [name for name in domain.names if name in VALUES and name not in facts.names]

@@ -50,12 +50,14 @@ def measured_plant(
     """
     given = {one_of("value", name, (*NAMES, *MORE_NAMES)): value for name, value in (values or {}).items()}
     given = {name: finite_number(name, value) for name, value in given.items()}
+    # Before the file is read, whose armature is divided by it.
     if not given.get("gr", 1.0) > 0:
         raise SwingupError(f"gr = {given['gr']:g} must be positive")
     known, notes, name = _known(source, given, inertia)
     facts = known | {each: value for each, value in given.items() if each in NAMES}
     if "motor" in given:
         _refuse_both(given, "motor", *MOTORS)
+        # A gear multiplies the motor's torque.
         facts |= dict.fromkeys(MOTORS, given["motor"] * facts["gr"])
     elif source is None and facts.keys() & set(MOTORS):
         facts = dict.fromkeys(MOTORS, 0.0) | facts
@@ -129,6 +131,7 @@ def _check(plant: Plant, given: Mapping[str, float]) -> list[str]:
             if {f"I{link}", f"Ic{link}"} & given.keys():
                 raise SwingupError(told)
             notes.append(told)
+    # Times that a stopwatch can check are the best test of numbers from a ruler.
     lumped = lump(plant)
     m11, m12, m22 = mass_entries(lumped, 1.0)
     pull = np.array([[lumped.gravity1 + lumped.gravity2, lumped.gravity2], [lumped.gravity2, lumped.gravity2]])

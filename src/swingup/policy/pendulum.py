@@ -137,6 +137,7 @@ def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: 
     own: dict[str, Any] = {"robot": policy.robot.name, "torque_limit": float(policy.torque_limit)}
     own |= {PLANT: write_plant(policy.plant)}
     own |= {name: asdict(part) for name, part in parts.items() if part is not None}
+    # Provenance is another file's metadata, whose parts would come back otherwise.
     removed = {name for name in PARTS if name in policy.metadata}
     kept = {name: value for name, value in provenance.items() if name not in removed | own.keys()}
     write_network(path, policy.network, {**own, **kept})

@@ -68,6 +68,7 @@ def plant_difference(
         robot: which joint is driven.
         identified: how the policy sees what an identifier finds; None for a policy of one plant.
     """
+    # Lengths, gravity and limits are not identified: they count for every policy.
     one, other = _facts(made_for, robot), _facts(plant, robot)
     if identified is None:
         one, other = one | _bases(made_for), other | _bases(plant)
@@ -92,6 +93,7 @@ def plant_difference(
 def _beyond(stage: PlantStage, base: np.ndarray) -> str | None:
     """One sentence on the base parameter (9,) that a policy can be told least of; None if it can be told all."""
     far = np.abs(base - stage.centre) / stage.scale
+    # Friction is compensated: the policy is told what is left of it.
     far[FRICTIONS] = 0.0
     worst = int(np.argmax(far))
     if not far[worst] > stage.clip:

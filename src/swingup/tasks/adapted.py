@@ -80,6 +80,7 @@ class AbstractAdaptedTask(AbstractTask[AdaptedState]):
             step = jax.eval_shape(self.step, start, action, jax.random.key(0))
         if step.observation.shape != start.observation.shape:
             raise SwingupError(f"{method} shows {step.observation.shape}, its reset {start.observation.shape}")
+        # A compiled loop carries the state, whose structure and types must not change.
         structures = [jax.tree.structure(state.inner) for state in (start, step.state)]
         if structures[:1] != structures[1:]:
             raise SwingupError(f"{method} changes the state's structure: return what reset returns")

@@ -46,6 +46,7 @@ class BraxTask(AbstractAdaptedTask):
                 named ``state`` is shown.
         """
         name = type(env).__name__
+        # It is a static field, by which programs are told apart.
         check_hash(name, env)
         size = (whole_number(f"action_size of {name}", attribute(env, "action_size"), 1),)
         ones = np.ones(size, np.float32)
@@ -55,6 +56,7 @@ class BraxTask(AbstractAdaptedTask):
         missing = [each for each in ("obs", "reward", "done", "info") if not hasattr(start, each)]
         if missing:
             raise SwingupError(f"the state of {name} has no {missing[0]}: return brax's State from reset(key)")
+        # What resets itself hides the last observation, from which values are bootstrapped.
         if FIRST in start.info:
             raise SwingupError(f"{name} resets itself: leave AutoResetWrapper out, the learner resets")
         self.observation_shape = shape_of_observation(_seen(start), name)

@@ -49,6 +49,7 @@ class EnvelopeTask(AbstractAdaptedTask):
         _check_spaces(env, name)
         self.actions = space_actions(env.action_space)
         self.observation_shape = _observation_shape(env, name)
+        # Arrays, so that other parameters need no new compilation.
         self.env = arrays_of(name, env)
         check_hash(name, jax.tree.structure(self.env))
         self.check_steps(f"{name}.step", "state, action")

@@ -61,6 +61,7 @@ class GymnaxTask(AbstractAdaptedTask):
                 f"observations {one_line(space, 100)} of {name} are not a Box: wrap it so that it shows one array"
             )
         self.env, self.params = env, arrays_of(name, given)
+        # ``step_env`` is an environment's own; wrappers and gymnax's base class have ``step``.
         self.method = "step" if callable(attribute(env, "step")) else "step_env"
         with blaming(f"{name}.reset(key, params)"):
             observation, _ = jax.eval_shape(env.reset, jax.random.key(0), self.params)
@@ -90,6 +91,7 @@ class GymnaxTask(AbstractAdaptedTask):
         seen, inner, reward, terminated, *_, info = answer
         if resets and not (isinstance(info, dict) and FINAL in info):
             raise SwingupError(f"{name} resets and hides the last observation: put it in info[{FINAL!r}]")
+        # The observation after a reset belongs to the next episode.
         last = info[FINAL] if resets else seen
         truncated = answer[4] if resets else self.env.is_truncated(inner, self.params)
         return self.made_step(AdaptedState(inner, seen), last, reward, (terminated, truncated))

@@ -41,6 +41,7 @@ class RecoveryTask(AbstractPendulumTask):
 
     def reward(self, x: State, u: Torque) -> Scalar:
         """From -1, far down, to 0, upright at rest without torque."""
+        # Saturated: far down all states are alike, and only the time counts.
         away = 1 - jnp.exp(self.quadratic_reward(x, u) / self.saturation)
         below = UP_FRACTION * self.parameters.length - tip_height(self.parameters, x)
         down = jax.nn.sigmoid(below / self.up_line_width)

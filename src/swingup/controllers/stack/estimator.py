@@ -66,6 +66,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
 
     def init(self) -> EstimatorMemory:
         """Nothing seen yet."""
+        # Split, since single precision would lose a time of some hours.
         return EstimatorMemory(core.begin(JAX, self.loop)._replace(time=never()), self.controller.init())
 
     def __call__(self, carry: EstimatorMemory, t: TimeLike, x: State) -> tuple[EstimatorMemory, Torque]:
@@ -83,6 +84,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
             u = u + (scales.torque * core.compensation(JAX, loop, plant, own)).astype(u.dtype)
         driven = self.plant.limit(self.robot.joint)
         limits = jnp.where(jnp.arange(2) == self.robot.joint, driven, self.passive_limit).astype(u.dtype)
+        # Clipped before it is remembered: the model must have the torque that acts.
         u = jnp.clip(u, -limits, limits)
         return EstimatorMemory(core.remember(JAX, loop, state, u / scales.torque), inner), u
 

@@ -66,7 +66,9 @@ class RegulatingController(AbstractPlantController[RegulatorMemory]):
         self, carry: RegulatorMemory, t: Scalar, x: State, base: Float[Any, "9"] | None
     ) -> tuple[RegulatorMemory, Torque]:
         """The torque of the one that acts (N m); NaN if the state is not finite."""
+        # Without an identifier the plant is the file's.
         base = self.base if base is None else base
+        # Always, so that a policy with a memory keeps it while the regulator acts.
         inner, u = call_for_plant(self.controller, carry.controller, t, x, base)
         own = jnp.asarray(base, carry.regulator.cost_to_go.dtype) / np.array(self.scales.base)
         held, seen = core.held(self.loop, unpack(own)), x / np.array(self.scales.state)

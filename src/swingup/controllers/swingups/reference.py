@@ -60,6 +60,7 @@ def load_reference(path: str | Path) -> tuple[Reference, dict[str, Any]]:
     dt = positive_number(f"trajectory file {path} has dt", dt, 1.0, "s")
     for name in REFERENCE_ARRAYS:
         array, shape = arrays[name], rows if name == "torque" else (*rows, 4)
+        # A single row has no spacing.
         if len(rows) != 1 or rows[0] < 2 or array.shape != shape:
             raise SwingupError(f"trajectory file {path} has {name} of shape {array.shape}: {RECOMPUTE}")
         if array.dtype.kind != "f" or not np.isfinite(array).all():

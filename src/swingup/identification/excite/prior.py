@@ -26,6 +26,7 @@ DELAY, LAG = (0.001, 0.006), (0.001, 0.004)
 def prior_around(plant: Plant) -> Domain:
     """A domain around a plant's facts: as wide as specimens of one design, and sessions of one robot, differ."""
     vector = vector_of(plant)
+    # Friction's size is not known, but it is small beside gravity's torque.
     torque = plant.g * vector[INDEX["k"]]
     vector[INDEX["A"]] -= vector[INDEX["B"]]
     around = dict.fromkeys(MASSES[:4], (1 - BASE_SPREAD, 1 + BASE_SPREAD)) | {

@@ -36,6 +36,7 @@ def check_time(name: str, time: Float[np.ndarray, "rows"], title: str) -> None:
         title: the word of ``--columns`` for the time, without a unit.
     """
     period = float(np.median(np.diff(time)))
+    # A time in other units shows as a period that no loop has.
     usual = next(
         (unit for unit, size in UNITS["time"].items() if USUAL_PERIODS[0] <= period * size <= USUAL_PERIODS[1]), ""
     )
@@ -61,6 +62,7 @@ def check_fresh(name: str, fresh: Bool[np.ndarray, "rows"], q: Float[np.ndarray,
         raise SwingupError(
             f"{name} has {count} different rows, the others repeat the one before: at least {LEAST_ROWS} are needed"
         )
+    # Rounded angles repeat, and repeated equations tell nothing new.
     positions = len(np.unique(q, axis=0))
     if positions < LEAST_POSITIONS:
         raise SwingupError(
@@ -102,6 +104,7 @@ def find_warnings(
         found.append(f"{name}: the torques are all zero: it counts as a free fall")
     for joint, label in enumerate(_JOINTS):
         peak = float(np.abs(u[:, joint]).max())
+        # A torque that stands at its limit excites nothing while it stands.
         share = float(np.mean(np.abs(u[:, joint]) > 0.995 * peak)) if peak > 0 else 0.0
         if share > SATURATED_SHARE:
             found.append(f"{name}: torque {label} stands at ±{peak:.3g} N m in {share:.0%} of the rows: saturated")

@@ -157,6 +157,7 @@ def double_pendulum(
     _check_line(links[0], _cross(along, centre1), l1, notes)
     reach = float(np.hypot(*centre2))
     tip = _tip(links[1], plane, reach)
+    # A plant's centre of mass 2 lies on its straight link 2 by definition: the angle q2 is that of the centre.
     straight, r2 = centre2, reach
     if not reach > BALANCED_SHARE * l1:
         straight = along if tip is None else tip[1]
@@ -166,6 +167,7 @@ def double_pendulum(
     facts |= {"g": float(np.linalg.norm(gravity)), "gr": gear, "b1": first.damping, "b2": second.damping}
     facts |= {"cf1": first.coulomb, "cf2": second.coulomb}
     facts |= _with_rotors(I1, I2, first.armature, second.armature, gear)
+    # An unknown limit stays unknown: 0 would be a joint without a motor.
     facts |= {f"tl{number}": each.limit for number, each in enumerate((first, second), 1) if each.limit is not None}
     if tip is not None:
         facts["l2"] = float(np.hypot(*tip[1]))
@@ -186,6 +188,7 @@ def _links(bodies: Sequence[Body]) -> tuple[_Link, _Link]:
         places.append(body.frame if body.parent is None else body.frame.within(places[body.parent]))
         carrier = None if body.parent is None else carriers[body.parent]
         if (hinge := body.hinge) is not None:
+            # Two links that both hang on the world are two pendulums.
             if len(links) == 1 and carrier is not links[0]:
                 raise SwingupError(f"joint {quoted(hinge.name)} hangs on what stands still, not on link 1")
             if min(hinge.damping, hinge.coulomb, hinge.armature) < 0:
@@ -208,6 +211,7 @@ def _links(bodies: Sequence[Body]) -> tuple[_Link, _Link]:
 def _plane(links: tuple[_Link, _Link], down: Vector) -> _Plane:
     """The plane of the motion, refused where it is not vertical, or the links move in two."""
     (first, second), (one, other) = (link.axis for link in links), (quoted(link.hinge.name) for link in links)
+    # Rounding may make a product of unit vectors larger than 1.
     lean = math.asin(min(1.0, abs(float(first @ down))))
     if lean > TURNED_ANGLE:
         raise SwingupError(
@@ -262,6 +266,7 @@ def _masses(link: _Link, plane: _Plane, about_joint: bool) -> tuple[float, np.nd
         for part in body.parts:
             centre = plane.flat(place.point(part.centre)) - plane.joint(link)
             own = float(axis @ part.inertia @ axis)
+            # A body that is welded to a link has no joint for its inertia to be about.
             stated = about_joint and part.stated and body.hinge is not None
             mass, moment = mass + part.mass, moment + part.mass * centre
             inertia += own if stated else own + part.mass * float(centre @ centre)
@@ -285,6 +290,7 @@ def _tip(link: _Link, plane: _Plane, reach: float) -> tuple[str, np.ndarray] | N
 
     Frames near the elbow, within half the centre's distance (m), are something else.
     """
+    # A named frame is meant; a shape ends where its drawing does.
     marks = [(f"frame {quoted(name)}", place.point(at)) for body, place in link.bodies for name, at in body.marks]
     ends = [("the end of its shape", place.point(at)) for body, place in link.bodies for at in body.ends]
     for found in (marks, ends):

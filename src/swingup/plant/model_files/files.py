@@ -36,10 +36,12 @@ def read_model(path: str | Path, inertia: str | None = None, gear: float | None 
         one_of("inertia", inertia, READINGS)
     root = read_tree(path, "model")
     try:
+        # A macro's numbers are not known before it is expanded.
         if any(each.tag.startswith("xacro:") for each in root.iter()):
             raise SwingupError("it is xacro: expand it first, with xacro FILE > x.urdf")
         if root.tag not in READERS:
             raise SwingupError(f"it begins with <{one_line(root.tag, 40)}>: use URDF (<robot>) or MJCF (<mujoco>)")
+        # The content decides, since both formats are called .xml.
         return _recalled(READERS[root.tag](root, inertia, gear), root)
     except SwingupError as error:
         files = [one_line(each.get("file", ""), 80) for each in root.iter("include")]
@@ -53,6 +55,7 @@ def _recalled(model: Model, root: Element) -> Model:
     if element is None or "data" not in element.attrib:
         return model
     kept = dict(zip(CHOSEN, attributes_of(element).numbers("data", (0.0,) * len(CHOSEN)).tolist(), strict=True))
+    # Who edits a body edits what the file says: stale numbers beside it must not win.
     if np.allclose(_motion(model.facts), _motion(model.facts | kept), rtol=1e-9, atol=0.0):
         return replace(model, facts=model.facts | kept)
     note = "not read: swingup's own numbers in the file, whose plant moves otherwise"

@@ -50,6 +50,7 @@ def turn_onto(direction: Vector) -> np.ndarray:
     """The smallest rotation that turns z into a direction, a unit vector."""
     axis = np.cross(AXES["z"], direction)
     sine = float(np.linalg.norm(axis))
+    # Parallel or opposite: any axis across z will do.
     if sine < 1e-12:
         return turn(AXES["x"], 0.0 if direction[2] > 0 else math.pi)
     return turn(axis / sine, math.atan2(sine, float(direction[2])))
@@ -76,6 +77,7 @@ def mjcf_rotation(given: Attributes, degree: float, sequence: str) -> np.ndarray
     """
     where = given.where
     if "quat" in given.values:
+        # MuJoCo normalises quaternions, too.
         w, *vector = unit(given.numbers("quat", (1, 0, 0, 0)), where)
         sine = float(np.linalg.norm(vector))
         return turn(np.array(vector) / (sine or 1.0), 2 * math.atan2(sine, w))
@@ -88,6 +90,7 @@ def mjcf_rotation(given: Attributes, degree: float, sequence: str) -> np.ndarray
             raise SwingupError(f"<compiler> has eulerseq = {quoted(sequence)}: write three of x, y, z, X, Y, Z")
         for name, size in zip(sequence, given.numbers("euler", (0, 0, 0)), strict=True):
             turned = turn(AXES[name.lower()], degree * size)
+            # Axes that turn with the body multiply from the right, fixed ones from the left.
             found = found @ turned if name.islower() else turned @ found
         return found
     if "xyaxes" in given.values:

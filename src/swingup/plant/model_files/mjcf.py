@@ -68,6 +68,7 @@ class _Reading:
 
     def attributes(self, element: Element, within: str, kind: str = "") -> Attributes:
         """An element's attributes, with those of its default class."""
+        # A class of its own replaces the one that its body gives.
         usual = self.defaults.get(element.get("class", within), {}).get(kind or element.tag, {})
         if any(each in element.attrib for each in (*TURNS, "fromto")):  # one way to turn replaces the default's
             usual = {name: text for name, text in usual.items() if name not in (*TURNS, "fromto")}
@@ -171,9 +172,11 @@ def _read_motors(root: Element, reading: _Reading) -> float:
         if given.text("dyntype", "none") != "none":
             reading.notes.append(f"left out: the dynamics of <{element.tag}> {name}")
         gain = float(given.numbers("gainprm", np.eye(1, 10)[0], 1)[0]) if element.tag == "general" else 1.0
+        # The sign of a gear says which way the motor turns, which a symmetric limit does not show.
         ratio = abs(float(given.numbers("gear", np.eye(1, 6)[0], 1)[0])) or 1.0
         most = _end_of(given, "force", reading)
         most = min(most, abs(gain) * _end_of(given, "ctrl", reading)) if plain else most
+        # Several motors may act on a joint: their torques add.
         reading.limits[joint] = reading.limits.get(joint, 0.0) + ratio * most
     return ratio
 
@@ -228,6 +231,7 @@ def _contents(
 def _body(element: Element, parent: int | None, frame: Frame, usual: str, reading: _Reading) -> Body:
     name, hinges = element.get("name", ""), []
     body = Body(name, parent, frame)
+    # MuJoCo's rule: a stated inertia wins over the geoms', unless the compiler says otherwise.
     source = reading.compiler.text("inertiafromgeom", "auto")
     inertial = element.find("inertial") if source != "true" else None
     for child, within, named in _contents(element, Frame(), usual, reading):
@@ -274,6 +278,7 @@ def _read_geom(element: Element, within: Frame, usual: str, reading: _Reading, b
         if counts:
             raise SwingupError(f"{given.where} of {quoted(body.name)} is a {shape}: give its body an <inertial>")
         return
+    # A line between two points replaces a geom's place, direction and length.
     sizes, frame = given.numbers("size", (0, 0, 0), 1), reading.frame(given)
     if "fromto" in given.values:
         line = given.numbers("fromto", (0,) * 6)

@@ -39,6 +39,7 @@ def read_urdf(root: Element, inertia: str | None, gear: float | None) -> Model:
     carried: dict[str, Element] = {}
     for name, each in joints.items():
         child = _end(each, "child")
+        # The joints of a closed loop do not move on their own.
         if child in carried:
             raise SwingupError(f"joint {quoted(name)} closes a loop: {quoted(child)} hangs on two joints")
         carried[child] = each
@@ -51,6 +52,7 @@ def read_urdf(root: Element, inertia: str | None, gear: float | None) -> Model:
         hinge = None if joint is None else _hinge(joint, driven, notes)
         parent = None if joint is None else order.index(_end(joint, "parent"))
         frame = Frame() if joint is None else rpy_frame(_child(joint, "origin"))
+        # A link that is welded on is often a named frame alone, such as a tool's.
         marks = [] if joint is None or hinge is not None else [(name, np.zeros(3))]
         link = links.get(name, Element("link"))
         bodies.append(Body(name, parent, frame, hinge, _parts(link), marks, _shape_ends(link)))
@@ -118,6 +120,7 @@ def _hinge(joint: Element, driven: Mapping[str, float], notes: list[str]) -> Hin
         low, high = limit.number("lower", 0.0), limit.number("upper", 0.0)
         notes.append(f"left out: the stops of joint {quoted(name)} at {low:.4g} and {high:.4g} rad")
     effort = limit.number("effort", 0.0) if "effort" in limit.values else None
+    # Where transmissions name the motors, a joint without one is passive.
     if effort is None and driven and name not in driven:
         effort = 0.0  # other joints have motors
     if friction := dynamics.number("friction", 0.0):

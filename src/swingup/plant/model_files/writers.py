@@ -49,6 +49,7 @@ def write_model(path: str | Path, name: str, bodies: Mapping[str, float], plant:
         raise SwingupError(
             f"cannot write {path}: no bodies move as this plant does, whose inertias are below m r²; raise I2"
         )
+    # Numbers of no body would be lost in the bodies that move alike.
     kept = "" if bodies == plant else f' data="{" ".join(repr(plant[fact]) for fact in CHOSEN)}"'
     write_atomically(path, model_text(Path(path).suffix.lower(), name, bodies, kept).encode())
 
@@ -65,9 +66,11 @@ def model_text(suffix: str, name: str, plant: Mapping[str, float], kept: str = "
     motors = ""
     for link, inertia, armature in zip((1, 2), (I1, I2), armatures, strict=True):
         m, l, r, cf, tl = (plant[f"{each}{link}"] for each in ("m", "l", "r", "cf", "tl"))  # noqa: E741
+        # Both formats have inertias about the centre of mass, a plant about the joint.
         own = {"about": inertia - m * r**2, "armature": armature, "rotor": armature / gear**2, "thick": l / 40}
         own |= {"at_l": -l, "at_r": -r, "half": -l / 2, "loss": AT_SPEED * cf}
         numbers |= {f"{each}{link}": value for each, value in own.items()}
+        # MuJoCo refuses a motor whose range is empty.
         if tl > 0:
             joint, most = ("shoulder", "elbow")[link - 1], tl / gear
             motors += f'<motor name="{joint}" joint="{joint}" gear="{gear!r}" ctrlrange="{-most!r} {most!r}"/>'

@@ -50,14 +50,17 @@ def compensation(found: Any, gain: Number, joint: int, passive_limit: float, max
         maximum: the larger one of two numbers.
     """
     kind, delivered = type(found), maximum(gain, 0.0)
+    # A weak motor must not be asked for without bound: what it does not deliver stays in the plant.
     asks = 1.0 / maximum(delivered, LEAST_GAIN) if passive_limit else 0.0
     parts = []
     for values in found:
         asked, left, predicted = [], [], []
         for index, value in enumerate(values):
+            # The gain counts in units of the driven motor's, whose own is 1 therefore.
             share, part = (1.0, 1.0) if index == joint else (asks, delivered)
             asked.append(share * (maximum(value, 0.0) if kind is Friction else value))
             left.append(value - part * asked[index])
+            # The estimator adds the driven motor's whole command, so that its model must hold the whole friction.
             seen = value if index == joint else left[index]
             predicted.append(maximum(seen, 0.0) if kind is Friction else seen)
         parts.append((tuple(asked), tuple(left), tuple(predicted)))

@@ -106,6 +106,7 @@ def held(loop: Loop, theta: Any) -> Held:
 
 def regulate(maths: Maths, loop: Loop, state: RegulatorState, plant: Held, x: Any) -> tuple[RegulatorState, Number]:
     """The torque (N m) for a state x (4,), of meaning while the regulator acts."""
+    # It follows the plant also while the policy acts, so that it can take over at once.
     P = loop.advanced(state.cost_to_go, plant.step)
     P = maths.choose(maths.finite(P), lambda: P, maths.xp.asarray(loop.start, P.dtype))
     q1, q2, dq1, dq2 = maths.numbers(x)
