@@ -49,7 +49,7 @@ NONSENSE = [
     ("evaluate acrobot --controller pendubot.safetensors", "is for 'pendubot', not the acrobot"),
     ("evaluate acrobot --controller wrong:missing", "'wrong:missing'"),
     ("evaluate acrobot --controller wrong:nan", "not finite at t = 0 s"),
-    ("evaluate acrobot --plant B.9", "'B.9': use A.0"),
+    ("evaluate acrobot --plant B.9", "'B.9': use one of A.0"),
     ("evaluate acrobot --frictionless", "--frictionless needs --plant"),
     *(
         (f"{command} --plant bad.yml", "lacks m2")
@@ -63,7 +63,7 @@ NONSENSE = [
     ("plant C.1 --set m1=1 m1=2", "--set gives m1 twice"),
     ("plant C.1 --set I1=0.001", "if it is about the centre of mass, give Ic1"),
     ("plant C.1 --out x.sdf", "x.sdf: its name must end in .yml"),
-    ("evaluate acrobot --board sim2real --domain moon", "'moon': use identified"),
+    ("evaluate acrobot --board sim2real --domain moon", "'moon': use one of identified"),
     ("evaluate acrobot --domain recorded", "leave the domain 'recorded' out"),
     ("evaluate acrobot --board uptime --controller lqr --domain identified", "draws no plants"),
     ("evaluate acrobot --controller lqr --board icra-real --plant A.0", "give the plant as the domain"),

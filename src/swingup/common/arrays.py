@@ -87,12 +87,8 @@ def load_arrays(
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Read the metadata and the arrays of a file.
 
-    Args:
-        path: the file.
-        kind: what its metadata must name as ``format``.
-        version: what it must give as ``format_version``.
-        known: whether an array of this name is read; others are left alone.
-        most: bytes that the arrays may have, all together.
+    The metadata must name the kind as ``format`` and give the version as ``format_version``. Arrays of unknown
+    names are left alone; the others may have ``most`` bytes, all together.
 
     Raises:
         SwingupError: there is no such file, it is truncated, altered or foreign, of another kind or version, or its

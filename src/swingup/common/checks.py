@@ -51,11 +51,7 @@ def whole_number(name: str, value: Any, least: int, most: int | None = None) -> 
 def one_of(kind: str, value: Any, choices: Iterable[str], more: str = "") -> str:
     """One of several names; a misspelt one gets a suggestion.
 
-    Args:
-        kind: what the names are of, as in "unknown KIND".
-        value: what was given.
-        choices: the names.
-        more: what else would do, for the message.
+    ``kind`` is what the names are of, as in "unknown KIND"; ``more`` is what else would do, for the message.
     """
     names = list(choices)
     if isinstance(value, str) and value in names:

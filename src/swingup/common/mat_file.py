@@ -21,9 +21,7 @@ DEEPEST = 8
 def read_mat(content: bytes, most: int) -> dict[str, Any]:
     """Arrays by name; of a structure, a map of its fields. Real parts count alone.
 
-    Args:
-        content: of the file.
-        most: bytes of what is unpacked.
+    What is unpacked may have ``most`` bytes.
 
     Raises:
         NotImplementedError: a file of version 7.3.

@@ -10,12 +10,7 @@ def solve_riccati(A: np.ndarray, G: np.ndarray, P: np.ndarray) -> np.ndarray:
     """The fixed point (n, n) of P ← Q + Aᵀ P (I + G P)⁻¹ A, which is steady whatever its start.
 
     With G = b bᵀ / R it is the cost-to-go of a regulator. Step k gives P after 2^k steps of the recursion. Source:
-    Anderson, International Journal of Control 28 (1978).
-
-    Args:
-        A: (n, n).
-        G: (n, n), symmetric.
-        P: Q (n, n), symmetric.
+    Anderson, International Journal of Control 28 (1978). All are (n, n), G and P = Q symmetric.
     """
     for _ in range(DOUBLINGS):
         W = np.linalg.inv(np.eye(len(A)) + G @ P)

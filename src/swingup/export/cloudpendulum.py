@@ -34,12 +34,7 @@ class CloudPendulumController:
     """
 
     def __init__(self, controller: LoopController[Any], clock: Callable[[], float] = time.perf_counter) -> None:
-        """Wrap a controller.
-
-        Args:
-            controller: the controller.
-            clock: tells the time (s) of any origin; it must not go backward.
-        """
+        """Wrap a controller; the clock tells the time (s) of any origin, and must not go backward."""
         self.robot, self.guard = controller.robot, controller.guard
         self._controller, self._clock = controller, clock
         for step in range(WARM_UP):

@@ -70,13 +70,8 @@ def export_folder(
 ) -> Path:
     """Write a folder, whole or not at all.
 
-    Args:
-        policy: what the policy file holds; its guard, which need not be the file's, is written into the entry.
-        source: the policy file.
-        folder: a new or empty folder.
-        form: one of :data:`FORMS`.
-        name: the entry's name, which the copied source gets as well.
-        username: who is named on RealAIGym's leaderboard.
+    The policy's guard, which need not be the file's, is written into the entry. The folder must be new or empty.
+    The copied source has the entry's name as well; the username is for RealAIGym's leaderboard.
 
     Returns:
         The entry's file.

@@ -20,12 +20,9 @@ Range = tuple[float, float]
 def domain_of(plant: Plant, ranges: Mapping[str, Range], others: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """A domain's content: ranges of plant and loop around an identified plant.
 
-    Where corners of wide ranges do not make a pendulum, all ranges are narrowed together until they do.
-
-    Args:
-        plant: the representative.
-        ranges: of the base parameters, ``delay`` and ``lag`` (s); instead of A, of I1 + m2 l1² = A - B.
-        others: entries of the domain as they are: offsets, quanta, torque gains, and where velocities come from.
+    Where corners of wide ranges do not make a pendulum, all ranges are narrowed together until they do. Ranges are
+    of the base parameters, ``delay`` and ``lag`` (s); instead of A, of I1 + m2 l1² = A - B. Other entries stay as
+    they are: offsets, quanta, torque gains, and where velocities come from.
     """
     for narrowing in (1.0, 0.7, 0.5, 0.3, 0.15):
         content = {**_content(plant, ranges, narrowing), **(others or {})}

@@ -62,12 +62,7 @@ def read_solution(
 ) -> Estimates:
     """Read a solution and its draws.
 
-    Args:
-        problem: what the fit knew.
-        unknowns: of the fit.
-        z: the solution.
-        draws: solutions of the bootstrap.
-        seed: of the common factor's draws, where nothing fixes it.
+    The seed is that of the common factor's draws, where nothing fixes it.
     """
     values, spread, places = _entries(unknowns, z), _entries(unknowns, draws), _places(len(unknowns.place))
     found = {name: float(values[place]) for name, place in places.items()}
@@ -136,12 +131,7 @@ def make_notes(
 ) -> tuple[str, ...]:
     """What a user should know, one line each: the warnings of all logs, and what the fit leaves open and why.
 
-    Args:
-        recordings: all logs.
-        problem: what the fit knew.
-        estimates: what it found.
-        fitted: number of windows of the fit.
-        judged: number of held-out windows.
+    ``fitted`` and ``judged`` are numbers of windows.
     """
     notes = [warning for recording in recordings for warning in recording.warnings]
     if fitted < FEW_WINDOWS:

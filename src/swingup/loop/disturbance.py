@@ -139,15 +139,9 @@ def measured_state(
 ) -> State:
     """The state that the controller receives: delayed, as the sensors see it, then noise on the velocities.
 
-    Before the run is as old as the delay, the first state is measured: start with it in all rows of the past.
-
-    Args:
-        disturbance: delay and sensors.
-        past: the last states, deeper than the delay; with velocities from differences one deeper than that.
-        step: number of the present step.
-        velocity_noise: the noise of this step (rad/s).
-        times: when the states were measured; needed for differences.
-        held: how many steps old the last new sample is.
+    Before the run is as old as the delay, the first state is measured: start with it in all rows of the past. The
+    past is deeper than the delay. With velocities from differences it is one deeper, and the times of the states
+    are needed. ``held`` is how many steps old the last new sample is.
     """
     seen = step - jnp.asarray(disturbance.delay_steps) - held
     measured = past[seen % past.shape[0]]
@@ -178,17 +172,9 @@ def motor_torques(
     is clipped to its limits; the push comes on top. A robot's motor moves from its own torque, within its rate
     limit and its limits, and ripple, noise and push come on top. A joint with limit 0 is passive: nothing acts on
     it, not even its pushes, as in the public benchmark. With a ``drive`` the push is asked of the motors of both
-    joints, as on the robot: it is added to the command after the limits.
-
-    Args:
-        disturbance: the loop's numbers and effects, and the pushes.
-        command: the controller's torques (N m).
-        before: torques that the motors start from (N m): the second result of the step before, 0 at first.
-        t: time (s).
-        torque_noise: the noise of this step (N m).
-        limits: torque limits of the two motors (N m).
-        x: the state, for the motors' ripple and the supply's sag.
-        dt: time of the step (s), for their rate limit and lag.
+    joints, as on the robot: it is added to the command after the limits. ``before`` are the torques (N m) that the
+    motors start from: the second result of the step before, 0 at first. The state is for ripple and sag, the time
+    of the step (s) for rate limit and lag.
     """
     # Pushes drawn for the passive joint have no effect: the benchmark's published numbers contain this.
     loop, effects, driven, pushes = disturbance.loop, disturbance.effects, limits > 0, disturbance.pushes.torque(t)

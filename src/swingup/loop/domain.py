@@ -178,11 +178,8 @@ def whole_steps(time: float, period: float = LOOP_DT) -> int:
 def make_domain(content: Mapping[str, Any], name: str = "DOMAIN.yml", folder: str | Path = ".") -> Domain:
     """A domain from values by name: a number, or a range of two.
 
-    Args:
-        content: the values, and ``plant``, a plant or the name or file of one; without it all values of a plant are
-            needed. Also ``design``, another plant for which controllers are designed, and ``velocities``.
-        name: of the domain.
-        folder: where a plant's file is looked for.
+    The content may have ``plant``, a plant or the name or file (in the folder) of one; without it all values of a
+    plant are needed. It may have ``design``, another plant for which controllers are designed, and ``velocities``.
     """
     values = dict(content)
     velocities = values.pop("velocities", None)

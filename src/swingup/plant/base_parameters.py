@@ -63,9 +63,8 @@ def geometry_of(plant: Plant) -> Geometry:
 def base_parameters(p: Plant, xp: Any = np) -> Any:
     """θ (9,) of a plant.
 
-    Args:
-        p: the plant, whose numbers may be traced for JAX.
-        xp: ``numpy`` for double precision, or ``jax.numpy`` for the precision of the plant's numbers.
+    The plant's numbers may be traced for JAX. With ``jax.numpy`` θ has their precision, with ``numpy`` double
+    precision.
     """
     inertial = p.I1 + p.I2 + p.m2 * p.l1**2, p.I2, p.m2 * p.r2, p.m1 * p.r1 + p.m2 * p.l1
     return xp.array([*inertial, p.b1, p.b2, p.cf1, p.cf2, p.Ir], float if xp is np else None)
@@ -105,15 +104,8 @@ def share_allowed(theta: Any, nominal: Any, geometry: Geometry, margin: float, m
     """The largest share s in [0, 1] of the step θ0 + s (θ - θ0) whose mass matrix is at least margin M(θ0).
 
     M is linear in θ, so that the eigenvalues of M(θ0)⁻¹ M go straight from 1 to those of θ. For any θ the least of
-    them over all q2 lies at cos q2 = ±1, where the determinant, concave in cos q2, is smallest.
-
-    Args:
-        theta: θ.
-        nominal: θ0, of a pendulum.
-        geometry: of the plant.
-        margin: in (0, 1).
-        minimum: the smaller of two numbers of this kind.
-        root: the square root of a number of this kind.
+    them over all q2 lies at cos q2 = ±1, where the determinant, concave in cos q2, is smallest. ``minimum`` and
+    ``root`` are those of this kind of number.
     """
     share: Number = 1.0
     for cos2 in (1.0, -1.0):

@@ -30,16 +30,7 @@ class Friction(NamedTuple):
 def damped_midpoint_step(
     plant: Lumped, friction: Friction | None, x: Any, torques: Any, dt: Number, maths: Maths
 ) -> tuple[Number, Number, Number, Number]:
-    """One step over dt (s).
-
-    Args:
-        plant: the plant.
-        friction: of its joints; None for none.
-        x: [q1, q2, dq1, dq2] (rad, rad/s).
-        torques: u (N m).
-        dt: the step (s).
-        maths: for this kind of number.
-    """
+    """One step over dt (s) from x = [q1, q2, dq1, dq2] (rad, rad/s) under torques (N m)."""
     # The first evaluation only finds the middle. The second makes the step, from x and over all of dt.
     half, rates = 0.5 * dt, (x[2], x[3])
     a1, a2 = _acceleration(plant, friction, (x[0], x[1]), rates, rates, torques, half, maths)

@@ -88,11 +88,7 @@ def coriolis(plant: Lumped, sin2: Number, dq1: Number, dq2: Number) -> Pair:
 def friction(damping: Number, coulomb: Number, rate: Number, arctan: Callable[[Any], Any]) -> Number:
     """F(q̇) = b q̇ + cf arctan(100 q̇) of a joint (N m), viscous and smoothed Coulomb friction.
 
-    Args:
-        damping: b (N m s/rad).
-        coulomb: cf (N m).
-        rate: q̇ (rad/s).
-        arctan: the arctangent for this kind of number.
+    b is the damping (N m s/rad), cf the Coulomb friction (N m), q̇ the rate (rad/s).
     """
     return damping * rate + coulomb * arctan(COULOMB_STEEPNESS * rate)
 
@@ -119,14 +115,8 @@ def acceleration(
 ) -> Any:
     """q̈ (rad/s²).
 
-    Args:
-        plant: the plant.
-        sines: of q1, q2 and q1 + q2.
-        cos2: cosine of q2.
-        rates: q̇ (rad/s).
-        torques: u (N m).
-        losses: F(q̇) (N m). The zeros of a plant without friction cost nothing once compiled.
-        stack: None for a pair of numbers. With it, both joints are computed as one vector, which is the result too.
+    The sines are of q1, q2 and q1 + q2, the losses F(q̇) (N m): zeros of a plant without friction cost nothing once
+    compiled. With a ``stack`` both joints are computed as one vector, which is the result too.
     """
     sin1, sin2, sin12 = sines
     pulls, swings = gravity(plant, sin1, sin12), coriolis(plant, sin2, rates[0], rates[1])

@@ -37,14 +37,8 @@ def momentum_rows(
 ) -> tuple[Any, Any]:
     """Y (2, 11): the rows of shoulder and elbow: a number for each base parameter, and for κ1 and κ2.
 
-    Args:
-        before: qa = (q1, q2) (rad).
-        middle: qb, later.
-        after: qc, later still.
-        steps: h0 from qa to qb, h1 from qb to qc (s).
-        geometry: of the plant.
-        ratio: ρ = m2 r2 / k of the nominal plant.
-        maths: for this kind of number.
+    qa, qb and qc are pairs (q1, q2) (rad), the steps h0 and h1 (s). The ratio is ρ = m2 r2 / k of the nominal
+    plant.
     """
     first = _half(before, middle, steps[0], geometry, maths)
     second = _half(middle, after, steps[1], geometry, maths)

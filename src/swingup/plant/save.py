@@ -52,9 +52,7 @@ def save_plant(path: str | Path, plant: Plant, comments: Sequence[str] = ()) -> 
 def representative(base: Mapping[str, float], start: Plant) -> Plant:
     """A pendulum with these base parameters and frictions, whose links could be built if such a pendulum exists.
 
-    Args:
-        base: the base parameters by name.
-        start: a plant near whose masses its masses are; lengths, gravity and limits are this plant's.
+    Its masses are near those of the start, whose lengths, gravity and limits it has.
     """
     l1, gear = float(start.l1), float(start.gr)
     shoulder = base["A"] - base["B"]

@@ -82,12 +82,7 @@ class PendulumPolicy:
 
 
 def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> PendulumPolicy:
-    """Read a policy file of a pendulum.
-
-    Args:
-        path: the policy file.
-        robot: the robot that it must be for, if any.
-    """
+    """Read a policy file of a pendulum, which must be for the robot if one is given."""
     network, metadata = read_network(path)
     missing = [name for name in ("robot", "torque_limit", PLANT) if name not in metadata]
     if missing or not network.stages or not isinstance(network.stages[0], PendulumStage):
@@ -126,12 +121,9 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
 def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: Mapping[str, Any]) -> None:
     """Write a policy file of a pendulum.
 
-    Args:
-        path: the file.
-        policy: what to write; its own metadata is left out.
-        provenance: where the policy comes from, JSON values. The policy's own robot, torque limit, plant and
-            ``PARTS`` replace those in it. A part that the policy has not is taken from it, unless the policy's own
-            metadata has that part: then it was removed, and is not written.
+    The policy's own metadata is left out. Its robot, torque limit, plant and ``PARTS`` replace those in the
+    provenance (JSON values). A part that the policy lacks is taken from there, unless the policy's own metadata has
+    that part: then it was removed, and is not written.
     """
     parts = {name: getattr(policy, name) for name in PARTS}
     own: dict[str, Any] = {"robot": policy.robot.name, "torque_limit": float(policy.torque_limit)}

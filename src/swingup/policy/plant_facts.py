@@ -60,13 +60,8 @@ def plant_difference(
     Compared are the base parameters, which alone act in the equations of motion, gravity, the driven joint's torque
     limit, and both joints' friction at 1 rad/s as a part of that limit. A policy that sees the plant that an
     identifier finds is made for more than one: there the inertial parameters and the rotor's are compared with what
-    the policy can be told, and friction is left out, since it is compensated.
-
-    Args:
-        made_for: the policy's plant.
-        plant: another one.
-        robot: which joint is driven.
-        identified: how the policy sees what an identifier finds; None for a policy of one plant.
+    the policy can be told, and friction is left out, since it is compensated. ``identified`` is how the policy sees
+    what an identifier finds; None for a policy of one plant.
     """
     # Lengths, gravity and limits are not identified: they count for every policy.
     one, other = _facts(made_for, robot), _facts(plant, robot)

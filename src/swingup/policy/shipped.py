@@ -28,12 +28,7 @@ ZOO = resources.files(__package__.rpartition(".")[0]) / "zoo"
 
 
 def shipped_file(robot: Robot | str, name: str = DEFAULT) -> Traversable:
-    """The file of a policy that the package ships for a robot.
-
-    Args:
-        robot: which joint is driven.
-        name: one of :data:`SHIPPED_POLICIES`.
-    """
+    """The file of a policy that the package ships for a robot."""
     robot = get_robot(robot)
     one_of("policy", name, SHIPPED_POLICIES)
     file = ZOO / f"{robot.name}-{name}{SUFFIX}"

@@ -28,11 +28,7 @@ class Folder:
 
 
 def find_folder(path: str | Path) -> Folder:
-    """Find a folder's controller.
-
-    Args:
-        path: the folder, or the file in it where it has several.
-    """
+    """Find a folder's controller; the path may be that of its file, where it has several."""
     place = Path(path)
     if not place.exists():
         raise SwingupError(f"no such folder: {path}; swingup export POLICY --to realaigym --out FOLDER writes one")

@@ -43,11 +43,8 @@ class FolderProcess:
     ) -> None:
         """Start the process and import the folder in it.
 
-        Args:
-            folder: what to run.
-            simulated_clock: whether a controller that measures the time itself is given the simulation's.
-            loading: longest time of the import (s).
-            calling: longest time of a call (s).
+        Import and calls may take ``loading`` and ``calling`` (s). With a simulated clock a controller that measures
+        the time itself is given the simulation's.
         """
         if os.name != "posix":
             raise SwingupError("a rehearsal needs a POSIX system to share a connection: run it on Linux or macOS")

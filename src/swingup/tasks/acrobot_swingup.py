@@ -179,13 +179,9 @@ def winnable_starts(key: Key, number: int, longest: int, even: float) -> Float[A
     """States from which some torque leads upright: found backwards in time, from upright with random torques.
 
     Backwards, the directions that run away from upright draw near it, and random torques spread the states over all
-    that can still be held. Some of the paths only ever give energy, forwards, and so begin low.
-
-    Args:
-        key: randomness.
-        number: states at most; those that are too fast are left out.
-        longest: steps of 10 ms to upright at most.
-        even: share of the states whose time to upright is uniform; the others' logarithm is.
+    that can still be held. Some of the paths only ever give energy, forwards, and so begin low. They are up to
+    ``longest`` steps of 10 ms from upright. Of a share, ``even``, the time to upright is uniform; of the others its
+    logarithm is. Those that are too fast are left out.
 
     Returns:
         About ``number`` states (rad, rad/s).

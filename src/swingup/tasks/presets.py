@@ -89,23 +89,14 @@ TASKS: dict[str, Callable[[Robot, PlantLike], AbstractPendulumTask]] = {
 
 
 def get_task(name: str, robot: Robot, plant: PlantLike = LEADERBOARD) -> AbstractPendulumTask:
-    """Build a variant of the task for a robot.
-
-    Args:
-        name: the variant.
-        robot: which joint is driven.
-        plant: the pendulum, in whose units the task is; the leaderboards' by default.
-    """
+    """Build a variant of the task for a robot, in the units of its plant."""
     return TASKS[one_of("task", name, TASKS)](robot, plant)
 
 
 def find_task(task: str | GivenT, robot: str, plant: PlantLike = LEADERBOARD) -> AbstractPendulumTask | GivenT:
     """A task for a robot's environment, by name or passed in.
 
-    Args:
-        task: name of a variant, or a task, which must be the robot's.
-        robot: its name.
-        plant: the pendulum, in whose units a named task is; the leaderboards' by default.
+    A named task is in the units of the plant. A task that is passed in must be the robot's.
     """
     if not isinstance(task, str) and load_plant(plant) != LEADERBOARD:
         raise SwingupError(f"a {type(task).__name__} has a plant of its own: pass the task's name with plant=")

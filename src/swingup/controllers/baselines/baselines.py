@@ -146,9 +146,7 @@ def _designed(name: str, design: Design) -> AbstractController[Any]:
 def shipped_reference(robot: Robot | str, problem: str = "published") -> tuple[Reference, dict[str, Any]]:
     """The swing-up that the package ships for a robot, and its metadata.
 
-    Args:
-        robot: which joint is driven.
-        problem: "published" for the one that the published baselines follow, "score" for that of ``tvlqr-score``.
+    The problem is "published" for the one that the published baselines follow, "score" for that of ``tvlqr-score``.
     """
     robot = get_robot(robot)
     if problem not in SHIPPED_TRAJECTORIES:

@@ -90,12 +90,8 @@ def continue_swingups(
 ) -> SwingUps:
     """Compute optimal swing-ups of many plants.
 
-    Args:
-        robot: which joint is driven.
-        targets: the plants, leaves of shape (n,).
-        settings: None for the default ones.
-        progress: called with the number of plants that are done, reached or given up, and of all.
-        nominal: where the continuations begin: a plant in C.1's units.
+    The targets' leaves have the shape (n,). ``progress`` is called with the number of plants that are done, reached
+    or given up, and of all. The continuations begin at the nominal plant, in C.1's units.
     """
     robot, settings = get_robot(robot), settings or ContinuationSettings()
     targets = _checked(targets)

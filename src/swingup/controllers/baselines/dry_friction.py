@@ -66,11 +66,8 @@ def passive_friction(plant: Plant, robot: Robot) -> float:
 def holding_lqr(plant: Plant, robot: Robot, settings: LQRSettings, dt: float) -> LQR:
     """The regulator at the top of a plant; a warning says if it holds from less than half of the starts.
 
-    Args:
-        plant: in C.1's units, with the dry friction of its passive joint alone.
-        robot: which joint is driven.
-        settings: of the regulator.
-        dt: the loop's period in these units (s).
+    The plant is in C.1's units, with the dry friction of its passive joint alone; dt is the loop's period in these
+    units (s).
     """
     if not passive_friction(plant, robot):
         return upright_lqr(plant, robot, settings)

@@ -76,10 +76,6 @@ def disturbance_gain(parameters: Plant, regulator: LQR) -> float:
     """κ of u = -K e - κ f, the optimal regulator where a constant torque f acts on the undriven joint.
 
     With ė = A e + B u + D f the costate is S e + s f, (A - B K)ᵀ s = -S D, and κ the gain of s as K is that of S.
-
-    Args:
-        parameters: the plant of the regulator.
-        regulator: K = Bᵀ S / r and S.
     """
     (other,) = (robot for robot in ROBOTS.values() if robot != regulator.robot)
     (A,), (B,) = linearised(parameters, regulator.robot, UPRIGHT[None], np.zeros(1))

@@ -66,12 +66,7 @@ class TVLQR(AbstractController[None]):
 
 
 def riccati_controller(reference: Reference, plant: Plant) -> RiccatiController:
-    """Follow a trajectory with its own gains.
-
-    Args:
-        reference: the trajectory.
-        plant: whose motor's limit holds.
-    """
+    """Follow a trajectory with its own gains, within the limit of the plant's motor."""
     r, limit = reference, float(plant.limit(reference.robot.joint))
     return RiccatiController(r.dt, r.states, r.torque, r.gains, limit, r.robot)
 
@@ -86,14 +81,9 @@ def tvlqr(
 ) -> TVLQR:
     """Design a TVLQR along a trajectory.
 
-    Args:
-        reference: the trajectory to follow.
-        parameters: the model, linearised at every row and discretised by forward Euler.
-        robot: which joint is driven.
-        weights: Q, R and the final Q_f of the discrete-time regulator.
-        pieces: number of cubics of the fit.
-        friction: Coulomb friction of the passive joint (N m), which the trajectory lacks: a disturbance whose sign
-            is that of the trajectory's velocity.
+    The model is linearised at every row. Weights are Q, R and Q_f of the discrete-time regulator, pieces the cubics
+    of the fit. Coulomb friction of the passive joint (N m), which the trajectory lacks, counts as a disturbance
+    whose sign is that of the trajectory's velocity.
     """
     A, B = linearised(parameters, robot, reference.states, reference.torque)
     # Forward Euler, as the published TVLQR discretises.

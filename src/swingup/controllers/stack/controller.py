@@ -54,10 +54,8 @@ def make_controller(
 ) -> PolicyController | RegulatingController | EstimatingController:
     """Make a controller of a policy, with its regulator if the file has one.
 
-    Args:
-        policy: what the file holds.
-        estimator: where the file has one (None), never (False) or always (True). Settings that the file lacks have
-            their defaults. Its model is the policy's plant, or what the identifier in the file finds.
+    An estimator stands before it where the file has one (None), never (False) or always (True). Settings that the
+    file lacks have their defaults. Its model is the policy's plant, or what the identifier in the file finds.
     """
     robot, plant = policy.robot, policy.plant.driven(policy.robot)
     acting: PolicyController | RegulatingController = policy_alone(policy)

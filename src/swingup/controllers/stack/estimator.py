@@ -103,12 +103,8 @@ def with_estimator(
 ) -> EstimatingController:
     """Put an estimator in front of a controller.
 
-    Args:
-        controller: the controller; called with estimates of the state.
-        robot: which joint is driven.
-        plant: the model, with the motor's torque limit.
-        settings: what to expect of measurement and loop; the defaults in the model's units if None.
-        finding: settings of an identifier of the model about that plant; None for the plant itself.
+    The plant is the model, with the motor's torque limit; without settings the defaults are in its units.
+    ``finding`` has settings of an identifier about it.
     """
     check_robot(controller, robot)
     return EstimatingController(controller, plant, settings or default_estimator(plant), robot, finding)

@@ -80,15 +80,7 @@ class RegulatingController(AbstractPlantController[RegulatorMemory]):
 def with_regulator(
     controller: AbstractController[Any], robot: Robot, plant: Plant, settings: RegulatorSettings, limit: float
 ) -> RegulatingController:
-    """Put a regulator for a plant behind a policy.
-
-    Args:
-        controller: the policy.
-        robot: which joint is driven.
-        plant: its own plant.
-        settings: where it acts.
-        limit: largest torque of the regulator (N m).
-    """
+    """Put a regulator for a plant, with a largest torque (N m), behind a policy."""
     made = core.make_loop(settings, plant, robot.joint, limit, lambda P: P[TRIANGLE], advanced, cost, command)
     known = made.start, made.torque_limit, made.geometry, made.settings
     return RegulatingController(controller, base_parameters(plant), *known, scales_of(plant), robot)

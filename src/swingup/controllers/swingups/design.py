@@ -107,12 +107,7 @@ class SwingupProblem:
     search: Search | None = None
 
     def pendulum_cost(self, steps: int, final: StateFloats | None = None) -> Cost:
-        """The cost without that of the torque's rate.
-
-        Args:
-            steps: of the grid.
-            final: other final weights than the problem's own.
-        """
+        """The cost on a grid without that of the torque's rate, perhaps with other final weights."""
         # J is a mean over the steps; times the duration it is the integral of the weights.
         unit = 1.0 if self.rate is None else self.dt * self.steps
         weights = np.array([*self.weights.state, self.weights.torque]) * unit
@@ -153,11 +148,7 @@ def compute_reference(
 ) -> tuple[Reference, dict[str, Any]]:
     """Optimise a swing-up from hanging at rest; takes a minute or two, or longer where it does not come up.
 
-    Args:
-        robot: which joint is driven.
-        problem: weights and settings.
-        seed: of the first torques, which NumPy draws.
-        plant: the pendulum, in whose units the problem is.
+    The problem is in the units of the plant. The seed is that of the first torques, which NumPy draws.
 
     Returns:
         The trajectory, and its provenance: JSON values for the file.

@@ -51,9 +51,7 @@ UNGUARDED = """\
 def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
     """The header's text.
 
-    Args:
-        policy: what the policy file holds.
-        name: what all names in it begin with; headers with different names go into one program.
+    All names in it begin with ``name``: headers with different names go into one program.
     """
     check_export_name(name)
     check_plain(policy.network, "a C header")

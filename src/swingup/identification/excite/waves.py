@@ -34,11 +34,8 @@ SHARES = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0))
 def multisines(duration: float, own: float, reach: float, driven: Float[np.ndarray, "2"]) -> np.ndarray:
     """Angles (rad) and velocities (rad/s) of each row of each motion: [motions, rows, 4].
 
-    Args:
-        duration: of the motions (s).
-        own: frequency of the pendulum's small swings (Hz).
-        reach: largest angle (rad).
-        driven: 1 for a joint that moves, otherwise 0.
+    ``own`` is the frequency of the pendulum's small swings (Hz), ``reach`` the largest angle (rad). A joint moves
+    where it is driven (1, otherwise 0).
     """
     time = PERIOD * np.arange(round(duration / PERIOD))
     # Every other frequency is the elbow's.

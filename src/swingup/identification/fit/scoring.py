@@ -78,9 +78,7 @@ def error_row(errors: Float[np.ndarray, "windows 4"]) -> ErrorRow:
 def hold_out(everything: Segments, windows: Segments) -> tuple[Segments, Segments]:
     """What is judged, some windows of the scoring, and what is fitted: windows that share no time with them.
 
-    Args:
-        everything: windows of the scoring, of all logs.
-        windows: windows of the fit.
+    ``everything`` are the windows of the scoring, of all logs.
     """
     judged = everything.take(_held_out(everything))
     free = np.ones(len(windows), bool)
@@ -109,11 +107,7 @@ def prediction_skill(
 ) -> float:
     """Error of the angles after 0.25 s as a share of their motion (medians), by the better of two plants.
 
-    Args:
-        recording: a log; 128 of its windows count.
-        setting: of the predictions.
-        start: the starting plant's model.
-        values: other base parameters.
+    128 of the log's windows count. The other plant has other base parameters than the starting one.
     """
     windows, output = score_windows([recording]), round(FIT_LENGTH / INTERVAL)
     if not len(windows):

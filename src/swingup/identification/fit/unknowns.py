@@ -115,12 +115,8 @@ def make_unknowns(
 ) -> Unknowns:
     """The unknowns of several sessions.
 
-    Args:
-        expected: for each session.
-        start: the starting plant's vector: values of what is neither free nor known.
-        free: for each session the entries that are free; those of the plant count in the first session.
-        known: entries with values that the user knows.
-        sessions: of the recordings.
+    Expectations and free entries are those of each session; those of the plant count in the first one. What is
+    neither free nor known has the start's value.
     """
     rows: list[Expectation] = []
     entries: list[int] = []

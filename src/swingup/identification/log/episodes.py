@@ -27,10 +27,7 @@ def one_clock(
 ) -> tuple[Bool[np.ndarray, "rows"], Float[np.ndarray, "rows"], int, int]:
     """Times that increase, for episodes that each have their own clock, in which rows may come late or twice.
 
-    Args:
-        time: as recorded (s).
-        longest: time between rows that is a gap (s).
-        pause: time between two episodes of the result (s).
+    A time between rows beyond ``longest`` (s) is a gap; ``pause`` (s) separates two episodes of the result.
 
     Returns:
         The rows to keep, their times, the number of restarts, and the number of rows whose times were spread.
@@ -76,11 +73,7 @@ def cut_episodes(
 ) -> tuple[Bool[np.ndarray, "rows"], Float[np.ndarray, "rows"], list[str]]:
     """Cut a log where its angles jump: rows to keep, times with a gap at each cut, and notes.
 
-    Args:
-        time: s.
-        q: angles (rad).
-        fresh: rows with a measurement of their own.
-        longest: time between rows that is a gap (s).
+    Fresh rows have a measurement of their own. A time between rows beyond ``longest`` (s) is a gap.
     """
     keep, dropped = np.ones(len(time), bool), 0
     rows = np.flatnonzero(fresh)

@@ -30,10 +30,7 @@ _JOINTS = ("1", "2")
 def check_time(name: str, time: Float[np.ndarray, "rows"], title: str) -> None:
     """Refuse a time that is not in seconds, and a log that is too short or too slow.
 
-    Args:
-        name: the log's.
-        time: s.
-        title: the word of ``--columns`` for the time, without a unit.
+    The title is the word of ``--columns`` for the time, without a unit.
     """
     period = float(np.median(np.diff(time)))
     # A time in other units shows as a period that no loop has.

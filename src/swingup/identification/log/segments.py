@@ -87,15 +87,9 @@ def cut(
 ) -> Segments:
     """Segments with these starts (s) that cross no gap and in which a joint is faster than ``least_speed``.
 
-    Args:
-        recording: what is cut.
-        starts: all starts in question.
-        offsets: times of the states after a start (s).
-        grid: times of the impulse (s), after a start that is so much (s) earlier than that of the states.
-        looks: times after a start at which speeds are looked at (s).
-        length: of a segment (s), in which no gap may be.
-        log: the recording's number.
-        least_speed: rad/s.
+    Offsets are times of the states after a start (s), looks those at which speeds are looked at. The grid has times
+    of the impulse (s), after a start that is so much (s) earlier than that of the states. No gap may lie within
+    ``length`` (s).
     """
     gaps = np.flatnonzero(recording.gaps)
     reach = max(REACH, 3.0 * recording.period)

@@ -118,14 +118,8 @@ def thrown_states(
 ) -> Float[np.ndarray, "number 4"]:
     """States after throws of an upright pendulum, from which a controller has to recover; in the plant's own units.
 
-    It is the similar pendulum that is thrown: the periods of the PID and of the loop scale here, too.
-
-    Args:
-        random: source of the numbers.
-        plant: the plant.
-        number: number of states.
-        steps: length of a throw.
-        dt: time of a step for design C.1 (s).
+    It is the similar pendulum that is thrown: the periods of the PID and of the loop scale here, too. A throw lasts
+    so many steps of dt (s), which is the time of design C.1.
     """
     scales = scales_of(plant)
     similar = similar_plant(plant, scales)

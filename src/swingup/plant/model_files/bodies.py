@@ -136,13 +136,10 @@ def double_pendulum(
 ) -> Model:
     """The plant's numbers of a chain of two hinges.
 
-    Args:
-        bodies: each after the one that carries it.
-        gravity: its acceleration in the frame of what stands still (m/s²).
-        gear: gear ratio of the motors, between which and the rotors' inertia the armature is divided.
-        notes: those of the file's reader, which come first.
-        inertia: what stated inertias are about, one of :data:`READINGS`; None for the format's own rule.
-        asked: whether inertias that may be about either are refused without ``inertia``.
+    Each body comes after the one that carries it. Gravity (m/s²) is in the frame of what stands still. The armature
+    is divided between motors and rotors by the gear ratio. Stated inertias are about what ``inertia`` names, one of
+    :data:`READINGS`, or else as the format has it; where ``asked``, those that may be about either are refused
+    without it.
     """
     notes, links = list(notes), _links(bodies)
     plane = _plane(links, unit(gravity, "gravity"))

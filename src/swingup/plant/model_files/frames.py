@@ -70,10 +70,8 @@ TURNS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 def mjcf_rotation(given: Attributes, degree: float, sequence: str) -> np.ndarray:
     """The rotation that an element of MJCF has.
 
-    Args:
-        given: its attributes.
-        degree: size of an angle's unit (rad).
-        sequence: axes of Euler angles: small letters turn with the body, capitals stay.
+    Angles are in units of ``degree`` (rad). In a sequence of Euler angles small letters turn with the body,
+    capitals stay.
     """
     where = given.where
     if "quat" in given.values:

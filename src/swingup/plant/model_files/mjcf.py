@@ -84,10 +84,8 @@ class _Reading:
 def read_mjcf(root: Element, about: str | None, gear: float | None) -> Model:
     """The double pendulum of an MJCF.
 
-    Args:
-        root: ``<mujoco>``.
-        about: what its inertias are about, "centre" or "joint"; None for the centre, as MuJoCo has it.
-        gear: gear ratio of the motors; None for the file's.
+    Inertias are about the centre, as MuJoCo has them, unless ``about`` says "joint". The gear ratio is the file's
+    if none is given.
     """
     flags = {name: text for flag in root.iterfind("option/flag") for name, text in flag.attrib.items()}
     reading = _Reading(_merged(root, "compiler"), _merged(root, "option"), flags, _defaults(root))

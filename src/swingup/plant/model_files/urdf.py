@@ -29,10 +29,8 @@ KNOWN = ("link", "joint", "frame", "transmission", "material", OURS)
 def read_urdf(root: Element, inertia: str | None, gear: float | None) -> Model:
     """The double pendulum of a URDF.
 
-    Args:
-        root: ``<robot>``.
-        inertia: what its inertias are about, "centre" or "joint"; None asks where both may be.
-        gear: gear ratio of the motors; None for the file's.
+    Inertias are about what ``inertia`` says, "centre" or "joint"; None asks where both may be. The gear ratio is
+    the file's if none is given.
     """
     links = _named(root, "link")
     joints = _named(root, "joint")

@@ -91,11 +91,7 @@ def make_loop(
 ) -> Loop:
     """What an estimator knows of a plant's loop, in C.1's units.
 
-    Args:
-        settings: what to expect of measurement and loop.
-        plant: the nominal plant.
-        joint: index of the driven joint.
-        finding: settings of what identifies the plant, which is the model then.
+    The plant is the nominal one. With settings of an identifier, ``finding``, the model is what that finds.
     """
     scales = scales_of(plant)
     s, plant, identifies = own_estimator(settings, scales), similar_plant(plant, scales), None
@@ -151,13 +147,8 @@ def observe(
 ) -> tuple[EstimatorState, Array]:
     """An estimate of the state now.
 
-    Args:
-        maths: for this kind of number.
-        loop: what is known.
-        state: of the calls before.
-        found: what the identifier, if there is one, has found before.
-        t: time (s), of the kind of the state's.
-        x: measured state (4,) (rad, rad/s).
+    ``found`` is what an identifier has found before. The time t (s) is of the kind of the state's; x (4,) is
+    measured (rad, rad/s).
     """
     xp, period, measured = maths.xp, loop.settings.dt, x
     pause = (t - state.time) / loop.time_unit
@@ -190,14 +181,7 @@ def observe(
 
 
 def compensation(maths: Maths, loop: Loop, found: Found, seen: Array) -> Array:
-    """Torques (2,) against friction and load found (N m); NaN if the state seen is not finite.
-
-    Args:
-        maths: for this kind of number.
-        loop: what is known, with an identifier.
-        found: what the identifier has found.
-        seen: state (4,) that the controller sees.
-    """
+    """Torques (2,) against friction and load found (N m); NaN if the state seen (4,) is not finite."""
     assert loop.finding is not None  # the caller has what it found
     most, finite = loop.finding.passive_limit, maths.finite(seen)
     q1, q2, *rates = maths.numbers(seen)

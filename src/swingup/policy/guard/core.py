@@ -37,13 +37,7 @@ class Guard:
     """Watches one loop: at each call ``allows``, then ``limited`` for the torques, or ``stopped`` instead."""
 
     def __init__(self, settings: GuardSettings, joint: int, limits: tuple[float, float]) -> None:
-        """Prepare for a loop.
-
-        Args:
-            settings: what is allowed.
-            joint: index of the driven joint.
-            limits: torque limits of shoulder and elbow (N m).
-        """
+        """Prepare for a loop, whose motors have torque limits of shoulder and elbow (N m)."""
         self.settings, self._joint, self._limits = settings, joint, limits
         self._rate = settings.rate(limits[joint])
         self.reset()

@@ -127,10 +127,7 @@ def default_guard(dt: float | None = None) -> GuardSettings:
 def choose_guard(choice: GuardChoice, own: GuardSettings | None, dt: float | None) -> GuardSettings | None:
     """The guard that a caller chose for a policy; None for none.
 
-    Args:
-        choice: what the caller wants.
-        own: the policy file's.
-        dt: time between calls that the policy expects (s); None for any.
+    ``own`` is the policy file's. The policy expects calls dt (s) apart; None for any time.
     """
     if choice is None or choice is False:
         return own if choice is None else None

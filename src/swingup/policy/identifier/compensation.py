@@ -42,12 +42,8 @@ class Compensation(NamedTuple):
 def compensation(found: Any, gain: Number, joint: int, passive_limit: float, maximum: Any) -> Compensation:
     """Share out what is found. Arithmetic for any kind of number.
 
-    Args:
-        found: friction of both joints, or their load.
-        gain: part of its command that the undriven joint's motor delivers, in units of what the driven one does.
-        joint: index of the driven joint.
-        passive_limit: largest compensation of the undriven joint (N m); 0 for none.
-        maximum: the larger one of two numbers.
+    The gain is the part of its command that the undriven joint's motor delivers, in units of what the driven one
+    does. Its compensation is at most ``passive_limit`` (N m), 0 for none.
     """
     kind, delivered = type(found), maximum(gain, 0.0)
     # A weak motor must not be asked for without bound: what it does not deliver stays in the plant.

@@ -173,13 +173,7 @@ def remember(maths: Maths, state: IdentifierState, u: Array) -> IdentifierState:
 
 
 def interval(maths: Maths, state: IdentifierState, step: Number) -> Number:
-    """Time between the measured angles before the last ones are observed and these (s).
-
-    Args:
-        maths: for this kind of number.
-        state: of the calls before.
-        step: time since the last call (s).
-    """
+    """Time (s) from the measured angles before to these, which come a step (s) after the last call."""
     return maths.where(state.age > 0, state.steps[0], step)
 
 
@@ -188,13 +182,8 @@ def observe(
 ) -> IdentifierState:
     """Learn from measured angles.
 
-    Args:
-        maths: for this kind of number.
-        loop: what is known.
-        state: of the calls before.
-        q: angles (2,) (rad), whole turns aside.
-        delay_steps: how old they are (steps).
-        step: time since the last call (s); of no meaning after a restart.
+    Angles q (2,) (rad) count without whole turns. They are so many steps old. The step since the last call (s)
+    means nothing after a restart.
     """
     xp, dt, before, first = maths.xp, loop.period, state, state.calls == 0
     newest = state.angles[0] + maths.nearest(q - state.angles[0])
@@ -371,14 +360,9 @@ def _update(
 def hat_weights(xp: Any, steps: Array, ages: Array, newer: Number, whole: Number) -> tuple[Array, Array]:
     """Weights (n,) of the last n torques, newest first: for the hat's mean, and for its mean rate (1/s).
 
-    The torque is held over each step, and the hat is integrated over it.
-
-    Args:
-        xp: ``numpy`` or ``jax.numpy``.
-        steps: durations (n,) of the steps (s), newest first.
-        ages: time (n + 1,) from each end of a step to the newest (s).
-        newer: age of the hat's peak, one of ``ages``.
-        whole: age of its beginning, one of them; older torques have no weight.
+    The torque is held over each step, and the hat is integrated over it. Durations of the steps (s) come newest
+    first; ages (n + 1,) are the times from their ends to the newest. The hat's peak is as old as ``newer``, its
+    beginning as ``whole``, which are two of the ages. Older torques have no weight.
     """
     hat = xp.maximum(xp.minimum(ages / newer, (whole - ages) / (whole - newer)), 0.0) / (0.5 * whole)
     return 0.5 * (hat[1:] + hat[:-1]) * steps, hat[1:] - hat[:-1]

@@ -132,11 +132,7 @@ def prior(plant: Plant, settings: IdentifierSettings | None = None) -> tuple[np.
 def offsets(tilt1: Any, tilt2: Any, theta: Any, clip: Callable[[Any, float, float], Any]) -> tuple[Any, Any]:
     """How much the measured angles are too large (rad). Arithmetic for any kind of number.
 
-    Args:
-        tilt1: κ1 (kg m).
-        tilt2: κ2.
-        theta: the base parameters.
-        clip: a number within bounds.
+    The tilts are κ1 and κ2 (kg m).
     """
     both = clip(tilt2 / theta[2], -MOST_OFFSET, MOST_OFFSET)
     first = clip(tilt1 / theta[3], -MOST_OFFSET, MOST_OFFSET)

@@ -111,9 +111,7 @@ def _check_order(stages: tuple[Stage, ...]) -> None:
 def check_plain(network: Network, program: str) -> None:
     """Refuse hidden layers that a program does not run.
 
-    Args:
-        network: the policy's.
-        program: what runs ReLU alone, as the start of a sentence.
+    The name of the program starts the sentence.
     """
     if network.activation != RELU:
         raise SwingupError(

@@ -79,13 +79,7 @@ def make_loop(
 ) -> Loop:
     """What a regulator knows of a plant, in C.1's units.
 
-    Args:
-        settings: where it acts.
-        plant: the plant.
-        joint: index of the driven joint.
-        limit: largest torque (N m).
-        pack: keeps P (4, 4) as the loop does.
-        products: the last entries of a loop.
+    ``pack`` keeps P (4, 4) as the loop does, whose last entries are the products.
     """
     scales = scales_of(plant)
     own, plant = scaled(settings, C1.over(scales)), similar_plant(plant, scales)

@@ -54,11 +54,6 @@ def bounds(settings: RegulatorSettings, theta: Any, driven: int) -> tuple[Any, A
     """Costs-to-go at which a regulator takes over and gives up. Arithmetic for any kind of number.
 
     Dry friction of the undriven joint makes a linear regulator hunt about the top in growing cycles.
-
-    Args:
-        settings: where it acts.
-        theta: θ of its plant.
-        driven: place of the driven joint.
     """
     s, dry = settings, abs(friction_of(theta).coulomb[1 - driven])
     enter = s.enter / (1.0 + dry / s.enter_coulomb)
@@ -66,12 +61,7 @@ def bounds(settings: RegulatorSettings, theta: Any, driven: int) -> tuple[Any, A
 
 
 def fixed_point(plant: Plant, driven: int) -> np.ndarray:
-    """The cost-to-go P (4, 4) at which the recursion for a plant stays.
-
-    Args:
-        plant: the plant.
-        driven: place of the driven joint.
-    """
+    """The cost-to-go P (4, 4) at which the recursion for a plant stays."""
     theta, geometry = base_parameters(plant), geometry_of(plant)
     a, b = map(np.array, upright_step(theta, geometry, driven, COULOMB_DAMPING, RICCATI_STEP))
     with np.errstate(all="ignore"):

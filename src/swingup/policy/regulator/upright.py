@@ -26,12 +26,7 @@ class Discrete(NamedTuple):
 def upright_step(theta: Any, geometry: Geometry, driven: int, coulomb_damping: Number, h: float) -> Discrete:
     """A = I + h A_c + h² A_c² / 2 and b = h b_c + h² A_c b_c / 2 of the linear equations.
 
-    Args:
-        theta: θ in the order of ``plant.base_parameters.BASE_NAMES``; its mass matrix is positive definite.
-        geometry: of the plant.
-        driven: place of the driven joint.
-        coulomb_damping: c (s/rad).
-        h: length of the step (s).
+    The mass matrix of θ is positive definite. The damping is c (s/rad), the step's length h (s).
     """
     plant, ((b1, b2), (cf1, cf2)) = lumped(theta, geometry), friction_of(theta)
     m11, m12, m22 = mass_entries(plant, 1.0)
