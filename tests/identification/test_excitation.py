@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from refusals import refusal
-from swingup.cli import exciting, main
+from swingup.cli import main, pendulums
 from swingup.controllers.swingups.trajectory_csv import load_reference_csv
 from swingup.dynamics.implicit_friction import implicit_friction_step
 from swingup.identification.excite import excite as search
@@ -119,7 +119,7 @@ SMALL = make_domain({"plant": "C.1", "cf1": [0.1, 0.2], "m1": [0.5, 0.55], "dela
 
 
 def test_the_command_writes_what_it_checked(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(exciting, "find_prior", lambda *given: SMALL)
+    monkeypatch.setattr(pendulums, "find_prior", lambda *given: SMALL)
     out = tmp_path / "excitation.csv"
     assert main(["excite", "--joint", "shoulder", "--duration", "3", "--speed", "9", "--out", str(out)]) == 0
     assert "checked on" in capsys.readouterr().out
