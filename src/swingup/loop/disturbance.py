@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, UInt32
 
-from ..common.types import Count, Scalar, State, Torque
+from ..common.types import Count, Key, Scalar, State, Torque
 from .effects import (
     Effects,
     Times,
@@ -68,6 +68,16 @@ class Disturbance(eqx.Module):
         """Whether the loop has to keep its own time: its periods vary, or velocities are differences over it."""
         return self.effects.late or self.effects.differences
 
+    @property
+    def key(self) -> Key:
+        """The key of all that is random."""
+        # Named, since a program may have another default, with keys of another size.
+        return jax.random.wrap_key_data(jnp.asarray(self.noise), impl="threefry2x32")
+
+    def uniform(self, step: int | Count, number: int, dtype: jnp.dtype) -> Scalar:
+        """A random number from (0, 1) of a step, apart from the step's noise and from those of other numbers."""
+        return jax.random.uniform(jax.random.fold_in(jax.random.fold_in(self.key, step), number), (), dtype)
+
     def changed(self, **values: Any) -> "Disturbance":
         """With other numbers of the loop."""
         return dataclasses.replace(self, loop=dataclasses.replace(self.loop, **values))
@@ -95,11 +105,9 @@ def step_noise(disturbance: Disturbance, step: Count, dtype: jnp.dtype) -> tuple
 
     The benchmark has one driven joint, and draws once for its torque; with motors on both each has its own.
     """
-    # Named, since a program may have another default, with keys of another size.
-    key = jax.random.wrap_key_data(jnp.asarray(disturbance.noise), impl="threefry2x32")
     loop, torques = disturbance.loop, 2 if disturbance.effects.motors else 1
     # A function of seed, simulation and step: parts of a grid repeat what the whole grid draws.
-    normal = jax.random.normal(jax.random.fold_in(key, step), (2 + torques,), dtype)
+    normal = jax.random.normal(jax.random.fold_in(disturbance.key, step), (2 + torques,), dtype)
     return loop.velocity_noise * normal[:2], loop.torque_noise * jnp.broadcast_to(normal[2:], (2,))
 
 
@@ -112,19 +120,14 @@ def step_period(disturbance: Disturbance, step: Count, dt: float, dtype: jnp.dty
     """The time (s) from one step to the next."""
     if not disturbance.effects.late:
         return dt
-    key = jax.random.wrap_key_data(jnp.asarray(disturbance.noise), impl="threefry2x32")
-    # Apart from the keys of the noise, which are those of the steps.
-    late_key = jax.random.fold_in(jax.random.fold_in(key, step), 1)
     nominal = dt * (disturbance.loop.period / LOOP_DT)
-    return late_period(disturbance.loop, jax.random.uniform(late_key, (), dtype), nominal)
+    return late_period(disturbance.loop, disturbance.uniform(step, 1, dtype), nominal)
 
 
 def sample_gap(disturbance: Disturbance, step: Count, dt: float, dtype: jnp.dtype) -> tuple[Count, Scalar]:
     """How many steps old the last new sample is before its delay, and 0, or NaN if this one is spoilt."""
-    key = jax.random.wrap_key_data(jnp.asarray(disturbance.noise), impl="threefry2x32")
-    # Apart from the keys of noise and periods.
-    phase = jax.random.uniform(jax.random.fold_in(jax.random.fold_in(key, 0), 2), (), dtype)
-    spoilt = jax.random.uniform(jax.random.fold_in(jax.random.fold_in(key, step), 3), (), dtype)
+    # Of the first step: gaps are evenly spaced in the whole run.
+    phase, spoilt = disturbance.uniform(0, 2, dtype), disturbance.uniform(step, 3, dtype)
     broken = jnp.where(spoilt < disturbance.loop.spoilt, jnp.nan, jnp.zeros((), dtype))
     return held_steps(disturbance.loop, step, phase, dt * (disturbance.loop.period / LOOP_DT)), broken
 

@@ -33,9 +33,9 @@ class AbstractAdaptedTask(AbstractTask[AdaptedState]):
 
     env: eqx.AbstractVar[Any]
     """The environment."""
-    actions: eqx.AbstractVar[SpaceActions]
+    actions: SpaceActions
     """Its actions, made from the policy's."""
-    observation_shape: eqx.AbstractVar[tuple[int, ...]]
+    observation_shape: tuple[int, ...] = eqx.field(static=True)
     """Shape of its observation, which is flattened."""
 
     @property

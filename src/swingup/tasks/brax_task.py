@@ -34,9 +34,6 @@ class BraxTask(AbstractAdaptedTask):
     """An environment with brax's methods, which is compiled into the program."""
 
     env: Any = eqx.field(static=True)
-    actions: SpaceActions
-    observation_shape: tuple[int, ...] = eqx.field(static=True)
-    """Shape of the environment's observation, which is flattened."""
 
     def __init__(self, env: Any) -> None:
         """Wrap an environment.

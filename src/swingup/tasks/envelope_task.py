@@ -9,7 +9,6 @@ task's key is not used. The package's time limit sets ``truncated``; every end i
 
 from typing import Any
 
-import equinox as eqx
 import jax
 
 from ..common.errors import SwingupError
@@ -17,7 +16,7 @@ from ..common.foreign import attribute, blaming
 from ..common.text import one_line
 from ..common.types import Action, Key
 from .adapted import AbstractAdaptedTask, AdaptedState, arrays_of, check_hash, shape_of_observation
-from .space_actions import SpaceActions, space_actions
+from .space_actions import space_actions
 from .task import Step
 
 LEAVE_OUT = {
@@ -32,9 +31,6 @@ class EnvelopeTask(AbstractAdaptedTask):
     """An environment with envelope's interface: a pytree, whose numbers are arguments of the compiled program."""
 
     env: Any
-    actions: SpaceActions
-    observation_shape: tuple[int, ...] = eqx.field(static=True)
-    """Shape of the environment's observation, which is flattened."""
 
     def __init__(self, env: Any) -> None:
         """Wrap an environment.

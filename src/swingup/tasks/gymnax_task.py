@@ -16,7 +16,7 @@ from ..common.foreign import attribute, blaming
 from ..common.text import one_line
 from ..common.types import Action, Key
 from .adapted import AbstractAdaptedTask, AdaptedState, arrays_of, check_hash, shape_of_observation
-from .space_actions import SpaceActions, space_actions
+from .space_actions import space_actions
 from .task import Step
 
 FINAL = "final_observation"
@@ -32,9 +32,6 @@ class GymnaxTask(AbstractAdaptedTask):
     env: Any = eqx.field(static=True)
     params: Any
     """Parameters of the environment, a pytree of arrays."""
-    actions: SpaceActions
-    observation_shape: tuple[int, ...] = eqx.field(static=True)
-    """Shape of the environment's observation, which is flattened."""
     method: str = eqx.field(static=True)
     """``step``, or ``step_env`` where the environment has no ``step``."""
 
