@@ -314,15 +314,22 @@ def _columns(maths: Maths, loop: Loop, state: IdentifierState, steps: Array, ste
     shoulder, elbow = momentum_rows(oldest, middle, newest, (whole - peak, peak), loop.geometry, ratio, maths)
     mean, slope = hat_weights(maths.xp, steps, ages, peak, whole)
     torques, rates = maths.numbers(mean.dot(acting)), maths.numbers(slope.dot(acting))
+    # A zero of this kind of number, since JAX stacks the rows.
     none = 0.0 * torques[joint]
-    driven, passive = (rates[joint], none, torques[joint]), (none, -torques[1 - joint], none)
-    first, second = (driven, passive) if joint == 0 else (passive, driven)
-    loads1: tuple[Number, ...] = ()
-    loads2: tuple[Number, ...] = ()
+
+    def of_one(at: int, value: Number) -> Pair:
+        return (value, none) if at == 0 else (none, value)
+
+    # What both joints' rows have of each unknown, in the unknowns' order; last the right side.
+    table = [
+        *zip(shoulder, elbow, strict=True),
+        of_one(joint, rates[joint]),
+        of_one(1 - joint, -torques[1 - joint]),
+    ]
     if len(loop.mean) > UNKNOWNS:
-        loads1, loads2 = (none + 1.0, none, middle[0], none), (none, none + 1.0, none, middle[1])
-    rows = [*shoulder, *first[:2], *loads1, first[2], *elbow, *second[:2], *loads2, second[2]]
-    return maths.vector(rows).reshape(2, len(loop.mean) + 1)
+        table += [of_one(0, none + 1.0), of_one(1, none + 1.0), of_one(0, middle[0]), of_one(1, middle[1])]
+    first, second = zip(*table, of_one(joint, torques[joint]), strict=True)
+    return maths.vector([*first, *second]).reshape(2, len(loop.mean) + 1)
 
 
 def _update(
