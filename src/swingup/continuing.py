@@ -29,7 +29,7 @@ class ContinuingTask:
     base: str
     """Gymnasium's id."""
     arguments: Mapping[str, Any] = field(default_factory=dict)
-    """Of the base task."""
+    """What the base task is made with."""
     resets: bool = False
     """Whether the task has resets: predefined ones, or chosen by the policy."""
     last_reward: float = 0.0

@@ -21,7 +21,7 @@ TEMPLATES = {".urdf": "pendulum.urdf", ".xml": "pendulum.xml", ".mjcf": "pendulu
 """Texts by the ends of file names."""
 
 LEAST_GEAR = 1e-6
-"""Of a gear ratio whose square divides a rotor's inertia."""
+"""Least gear ratio: the square of a smaller one divides no inertia."""
 CHOSEN = ("m1", "m2", "r1", "r2", "I1")
 """Numbers that another plant, which moves alike, may have otherwise."""
 
@@ -29,14 +29,7 @@ CHOSEN = ("m1", "m2", "r1", "r2", "I1")
 def write_model(path: str | Path, name: str, bodies: Mapping[str, float], plant: Mapping[str, float]) -> None:
     """Write a URDF (.urdf) or an MJCF (.xml, .mjcf).
 
-    Args:
-        path: the file.
-        name: of the model.
-        bodies: numbers of the plant that is written.
-        plant: numbers of one that moves alike, and that ``read_model`` reads from the file.
-
-    Raises:
-        SwingupError: no body has these numbers, or the file cannot be written.
+    The bodies' numbers are written. The plant moves alike, and its numbers are those that ``read_model`` reads.
     """
     for fact in ("Ir", "b1", "b2", "cf1", "cf2"):
         if bodies[fact] < 0:
