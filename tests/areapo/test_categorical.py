@@ -7,9 +7,9 @@ import pytest
 
 from array_files import change_file
 from policies import load_any_policy
+from refusals import refusal
 from swingup.areapo.initial import init_policy
 from swingup.areapo.networks import Categoricals
-from swingup.common.errors import SwingupError
 from swingup.controllers.stack.policy import Policy, save_policy
 from swingup.tasks.observation import NormaliseStage
 from swingup.tasks.task import Spaces
@@ -70,5 +70,4 @@ def test_the_policy_file_keeps_the_policy_and_its_choices(tmp_path):
         np.testing.assert_array_equal(loaded(observation), policy(observation))
     for choices in ([3, 3], [], [3.5], "32"):
         change_file(tmp_path / "p.safetensors", {"choices": choices})
-        with pytest.raises(SwingupError, match=r"has 5 outputs|must be a list"):
-            load_any_policy(tmp_path / "p.safetensors")
+        refusal(load_any_policy, tmp_path / "p.safetensors")

@@ -88,8 +88,6 @@ def test_names_on_the_board_are_taken(brief_minute):
         assert f"'{name}' is on the board already" in refusal(leaderboard, "acrobot", {name: Hanging()})
     taken = refusal(leaderboard, "acrobot", {"global": Hanging()}, (brief_minute,))
     assert "'global' is on the board already" in taken
-    hardware = leaderboard("acrobot", {"global": Hanging()}, ("hardware",), entrants=())[0]
-    assert set(ours(hardware)) == {"global"}
     # The report animates the paper's alone.
     assert set(entrants_for("acrobot", {})) == set(ENTRANTS)
     unknown = refusal(leaderboard, "acrobot", boards=("v9",))

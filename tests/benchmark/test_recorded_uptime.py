@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from refusals import refusal
 from swingup.benchmark.boards import UPTIME
 from swingup.benchmark.plausibility import examine
 from swingup.benchmark.rollout import Trajectory
@@ -39,11 +38,6 @@ def test_late_starts_and_other_lengths_of_the_run():
     # Times need not start at 0: the first row's own time is no time up. 30 s of 60 s is half.
     late = rows([0.1, 0.2, 30.2], [UP, DOWN, UP])
     assert score(late, "pendubot", UPTIME, force=True).score == pytest.approx(0.5)
-
-
-def test_recordings_that_cannot_be_scored():
-    for times, named in ([0.0, 1.0, 1.0], "do not increase"), ([1.0, 2.0, 3.0], "starts at t = 1 s"):
-        assert named in refusal(score, rows(times, [DOWN] * 3), "acrobot", UPTIME)
 
 
 def test_throws_on_the_passive_joint_are_no_warning_and_neither_is_another_rate():

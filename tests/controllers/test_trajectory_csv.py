@@ -6,8 +6,7 @@ import pytest
 import swingup
 from refusals import refusal
 from swingup.benchmark.trajectory_file import load_trajectory
-from swingup.cli import main
-from swingup.controllers.baselines.baselines import Design, shipped_reference
+from swingup.controllers.baselines.baselines import shipped_reference
 from swingup.controllers.baselines.tracking import RiccatiController
 from swingup.controllers.swingups.trajectory_csv import load_reference_csv, save_reference_csv
 
@@ -39,14 +38,6 @@ def test_gains_act_as_realaigyms_controller_has_them(tmp_path, robot, x64):
             for joint in (1, 2)
         ]
         np.testing.assert_allclose(controller(None, row * reference.dt, x)[1], expected, rtol=1e-9, atol=1e-12)
-
-
-def test_the_command_writes_it(tmp_path, monkeypatch):
-    reference = shipped_reference("acrobot")[0]
-    monkeypatch.setattr(Design, "compute", lambda *_: (reference, {}))  # which takes a minute
-    words = ["export", "tvlqr", "--to", "trajectory", "--robot", "acrobot", "--seed", "0"]
-    assert main([*words, "--out", str(tmp_path / "r.csv")]) == 0
-    np.testing.assert_array_equal(load_reference_csv(tmp_path / "r.csv", "acrobot").gains, reference.gains)
 
 
 REFUSED = {

@@ -356,11 +356,3 @@ def test_the_docstrings_example():
     from swingup.learner import agent
 
     assert doctest.testmod(agent) == (0, 4)
-
-
-@pytest.mark.slow  # CartPole trains by its id above, and boxes of actions by Stairs
-def test_mujoco_learns_where_it_is_installed():
-    pytest.importorskip("mujoco")
-    space = gymnasium.make("Swimmer-v5").action_space
-    model = AREAPO("Swimmer-v5", **TINY).learn(64)
-    assert space.contains(model.predict(np.zeros(8)))

@@ -11,7 +11,6 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, Vecto
 from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
 
 from refusals import refusal
-from swingup.common.errors import SwingupError
 from swingup.learner.environments import Environments, make_environments
 from swingup.tasks.space_actions import space_actions
 
@@ -282,6 +281,5 @@ def test_a_worker_that_hangs_is_not_waited_for(monkeypatch):
     environments = make_environments(env, 2)
     environments.reset(0)
     monkeypatch.setattr("swingup.learner.checked_environment.PATIENCE", 0.2)
-    with pytest.raises(SwingupError, match=r"a worker of AsyncVectorEnv did not answer for 0\.2 s, and all were"):
-        environments.step(ZEROS)
+    assert "a worker of AsyncVectorEnv did not answer" in refusal(environments.step, ZEROS)
     assert not any(process.is_alive() for process in env.processes)

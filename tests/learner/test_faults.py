@@ -18,6 +18,7 @@ from pathlib import Path
 import pytest
 from safetensors.numpy import load_file
 
+from refusals import refusal
 from swingup.cli import main
 from swingup.common.errors import SwingupError
 from swingup.learner.run_folder import RunFolder
@@ -123,13 +124,12 @@ def test_two_processes_do_not_train_in_one_folder(tmp_path):
     run(tmp_path / "r", 2)
     with (tmp_path / "r" / ".lock").open("ab") as file:
         fcntl.flock(file, fcntl.LOCK_EX)  # as another process would hold it
-        with pytest.raises(SwingupError, match=f"another process trains in {tmp_path / 'r'}: wait for it, stop it"):
-            list(resume_run(tmp_path / "r", 4 * FRAMES).advance())
+        resumed = resume_run(tmp_path / "r", 4 * FRAMES)
+        assert f"another process trains in {tmp_path / 'r'}" in refusal(list, resumed.advance())
     late = resume_run(tmp_path / "r", 4 * FRAMES)
     list(resume_run(tmp_path / "r", 4 * FRAMES).advance())
     # Who read the checkpoint before the other one trained does not undo its work.
-    with pytest.raises(SwingupError, match="has moved on to 256 frames"):
-        list(late.advance())
+    assert "has moved on to 256 frames" in refusal(list, late.advance())
 
 
 @pytest.mark.parametrize(

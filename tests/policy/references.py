@@ -21,6 +21,7 @@ from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.plant.robots import get_robot
 from swingup.policy.estimator.settings import EstimatorSettings
 from swingup.policy.identifier.settings import IdentifierSettings
+from swingup.policy.network.layers import Layer
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.plant_facts import policy_plant
 from swingup.policy.regulator.settings import RegulatorSettings
@@ -104,6 +105,11 @@ def random_states(number=2_500):
     x = np.random.default_rng(5).uniform(-1, 1, (2 * number, 4)) * [9, 9, 25, 25]
     wrap = np.abs((x[:, :2] + np.pi) % (2 * np.pi) - np.pi).min(axis=1)
     return x[wrap > AWAY][:number]
+
+
+def random_layer(outputs, inputs, seed):
+    rng = np.random.default_rng(seed)
+    return Layer(*(rng.normal(size=shape).astype(np.float32) for shape in ((outputs, inputs), outputs)))
 
 
 @functools.cache

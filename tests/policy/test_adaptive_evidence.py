@@ -1,27 +1,16 @@
 """The evidence for a controller that identifies its plant: plants, variants, and tables with known answers."""
 
-import dataclasses
 import sys
 from pathlib import Path
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import swingup
 from swingup.benchmark.boards import ROBUSTNESS
-from swingup.controllers.stack.controller import policy_of
-from swingup.controllers.stack.maths import JAX
 from swingup.plant.base_parameters import BASE, BASE_NAMES
 from swingup.plant.plant import LEADERBOARD
 from swingup.plant.robots import get_robot
-from swingup.policy.estimator.settings import EstimatorSettings
-from swingup.policy.identifier import core as identifier
-from swingup.policy.identifier.settings import IdentifierSettings
-from swingup.policy.regulator.settings import RegulatorSettings
-
-from .references import sighted_policy
 
 BENCHMARKS = Path(swingup.__file__).parents[2] / "benchmarks"
 RULES = ROBUSTNESS
@@ -39,16 +28,6 @@ def scripts(monkeypatch):
     yield {name.removeprefix("adaptive_"): __import__(name) for name in names}
     for name in names:
         sys.modules.pop(name, None)
-
-
-def full_policy():
-    """Estimator, identifier and regulator around a policy that sees its plant."""
-    around = {
-        "estimator": EstimatorSettings(),
-        "identifier": IdentifierSettings(),
-        "regulator": RegulatorSettings(),
-    }
-    return dataclasses.replace(policy_of(sighted_policy()), **around)
 
 
 def test_joint_draws_are_off_in_all_parameters_within_half_the_ranges(scripts):
@@ -69,23 +48,6 @@ def test_joint_draws_are_off_in_all_parameters_within_half_the_ranges(scripts):
             assert drawn.max() - drawn.min() > 0.9 * (most - least)
     again = scripts["plants"].joint_cases(get_robot("acrobot"), RULES)
     assert [case.settings for case in again] == [case.settings for case in cases]
-
-
-@pytest.mark.slow  # compiles for seconds
-def test_a_controller_is_told_the_whole_plant(scripts):
-    plants = scripts["plants"]
-    robot = full_policy().robot
-    plant = dataclasses.replace(LEADERBOARD.driven(robot), b1=-0.05, cf2=0.1, I2=0.06)
-    with jax.enable_x64(True):
-        loop = plants.tell_everything(plants.make_variants(full_policy())[plants.TOLD], plant).loop.finding
-        memory = identifier.begin(JAX, loop)
-        for angle in np.random.default_rng(0).normal(size=60):
-            memory = identifier.observe(JAX, loop, memory, jnp.array([angle, 0.0]), jnp.array(0), jnp.array(0.002))
-        # Whatever is measured: inertias, the friction that drives, and none where the motor compensates it.
-        found = identifier.found(JAX, loop, memory)
-        assert np.array(found.theta)[[1, 4, 7]] == pytest.approx([0.06, -0.05, 0.1])
-        assert np.array(found.told)[[4, 7]] == pytest.approx([-0.05, 0.0])
-        assert np.array(found.asked)[:, 1] == pytest.approx([0.0, 0.1])
 
 
 @pytest.mark.slow

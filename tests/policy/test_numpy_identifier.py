@@ -17,21 +17,16 @@ from swingup.plant.robots import get_robot
 from swingup.policy.estimator.settings import EstimatorSettings
 from swingup.policy.identifier import settings
 from swingup.policy.identifier.settings import IdentifierSettings
-from swingup.policy.network.layers import Layer, Network
+from swingup.policy.network.layers import Network
 from swingup.policy.network.stages import PendulumStage, PlantStage
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.pendulum import PendulumPolicy
 from swingup.policy.plant_facts import policy_plant
 
-from .references import DT, random_states
+from .references import DT, random_layer, random_states
 
 STEPS, FINE = 900, 4
-
-
-def layer(outputs, inputs):
-    rng = np.random.default_rng(outputs)
-    return Layer(*(rng.normal(size=shape).astype(np.float32) for shape in ((outputs, inputs), outputs)))
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +35,7 @@ def policy():
     robot = get_robot("acrobot")
     plant = policy_plant(load_plant("C.1"), robot)
     stages = PendulumStage("sincos"), PlantStage(base_parameters(plant), 2 * np.abs(base_parameters(plant)))
-    network = Network(stages, (layer(16, 15),), layer(1, 16))
+    network = Network(stages, (random_layer(16, 15, 16),), random_layer(1, 16, 1))
     return PendulumPolicy(network, robot, 3.0, plant, EstimatorSettings(), identifier=IdentifierSettings())
 
 

@@ -15,20 +15,15 @@ from swingup.plant.plant import LEADERBOARD, Plant, load_plant
 from swingup.plant.robots import get_robot
 from swingup.policy.identifier.settings import IdentifierSettings
 from swingup.policy.network.fold import fold
-from swingup.policy.network.layers import Layer, Network
+from swingup.policy.network.layers import Network
 from swingup.policy.network.stages import PendulumStage, PlantStage
 from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.plant_facts import policy_plant
 
-from .references import in_double, random_states, sighted_policy, small_policy
+from .references import in_double, random_layer, random_states, sighted_policy, small_policy
 
 STAGE = PlantStage(np.linspace(-1, 1, 9), np.linspace(1, 2, 9), clip=2.0)
 STATE = PendulumStage("sincos")
-
-
-def layer(outputs, inputs, seed):
-    rng = np.random.default_rng(seed)
-    return Layer(*(rng.normal(size=shape).astype(np.float32) for shape in ((outputs, inputs), outputs)))
 
 
 def outputs(network, observation):
@@ -41,9 +36,9 @@ def outputs(network, observation):
 
 @pytest.mark.parametrize("depth", [0, 1])
 def test_a_folded_network_gives_the_same(depth):
-    trunk = (layer(7, 15, 1),) * depth
+    trunk = (random_layer(7, 15, 1),) * depth
     size = 7 if depth else 15
-    network = Network((STATE, STAGE), trunk, layer(1, size, 2), layer(1, size, 3))
+    network = Network((STATE, STAGE), trunk, random_layer(1, size, 2), random_layer(1, size, 3))
     base, seen = np.arange(9.0), np.linspace(-1, 1, 6)
     # By hand: (0 + 1)/1 = 1, and (1 + 0.75)/1.125 = 1.56; then (2 + 0.5)/1.25 = 2, and all others are clipped to 2.
     inputs = np.array([1, 1.75 / 1.125, 2, 2, 2, 2, 2, 2, 2])
@@ -54,7 +49,7 @@ def test_a_folded_network_gives_the_same(depth):
 
 
 def test_a_network_that_sees_the_state_alone_stays_as_it_is():
-    network = Network((STATE,), (), layer(1, 6, 1))
+    network = Network((STATE,), (), random_layer(1, 6, 1))
     assert fold(network, np.zeros(9)) is network
 
 
