@@ -231,6 +231,14 @@ def test_no_torque_of_a_wrapped_controller_is_beyond_its_motors_limit(name, guar
     assert acted > 10 or guard
 
 
+def test_a_measurement_whose_square_overflows_is_no_error():
+    """Python's own floats raise OverflowError where NumPy's become infinite."""
+    controller = load_controller("adaptive", "acrobot")
+    for call in range(60):
+        x = [1.3e154, 1e154, 0.0, 0.0] if call == 30 else [0.01 * call, 0.1, 1.0, 0.0]
+        assert not (np.abs(controller(x, DT * call)) > controller.torque_limits).any()
+
+
 def test_the_estimator_knows_what_the_motor_was_given():
     controller = numpy_controller(guarded("acrobot-estimated", torque_rate=10.0))
     controller.inner._network = lambda x: 5.0

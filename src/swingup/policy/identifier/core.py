@@ -348,8 +348,9 @@ def _update(
     # The method: for so few numbers the operator @ takes twice as long in NumPy.
     uncertain = covariance.dot(row)
     predictive_variance, error = number(row.dot(uncertain)), target - number(row.dot(unknowns))
-    size = abs(target) + number(abs(row[:4]).dot(abs(unknowns[:4])))
-    floor = (chosen.DRIVEN_FLOOR if driven else chosen.PASSIVE_FLOOR) ** 2 + (chosen.RELATIVE_FLOOR * size) ** 2
+    rough = chosen.RELATIVE_FLOOR * (abs(target) + number(abs(row[:4]).dot(abs(unknowns[:4]))))
+    # A product, since a power of Python's floats raises OverflowError.
+    floor = (chosen.DRIVEN_FLOOR if driven else chosen.PASSIVE_FLOOR) ** 2 + rough * rough
     r = maths.maximum(variance, floor)
     distance = error * error / (predictive_variance + r)
     held = maths.where(distance > chosen.GATE_SIGMAS**2, chosen.GATE_HOLD, held - step)
