@@ -32,6 +32,8 @@ from swingup.benchmark.rules import PushRules
 from swingup.common.text import one_line, quoted
 from swingup.controllers.baselines.baselines import baseline, shipped_reference
 from swingup.controllers.registry import get_controller
+from swingup.controllers.stack.controller import policy_of
+from swingup.controllers.stack.policy import Policy
 from swingup.export.c_backend.header import c_header
 from swingup.gym import PendulumEnv, PendulumVectorEnv
 from swingup.identification.excite.excite import excite
@@ -44,6 +46,7 @@ from swingup.policy.shipped import load_policy
 from swingup.refine.episodes import EpisodeSettings
 from swingup.refine.recipe import RECIPES, run_recipe
 from swingup.report.film import animate
+from swingup.report.page import render_page
 from swingup.report.save import save_plot
 from swingup.tasks.observation import PendulumStage
 from swingup.tasks.presets import get_task
@@ -145,6 +148,7 @@ ENTRIES = {
 ON_PLANT = {"robot": None, "env": "Swimmer-v5", "preset": "mujoco", "plant": load_plant("B.0")}
 ACROBOT, PENDUBOTS = ROBOTS["acrobot"], get_task("paper", ROBOTS["pendubot"])
 POLICIES = [lone_policy(name, "acrobot")[0] for name in ("adaptive", "ar-eapo")]
+LONE = POLICIES[1]
 TOGETHER = {
     "a plant goes with a robot, not with Swimmer-v5": lambda: RunSettings(
         **(SETTINGS | ON_PLANT), checkpoint_every=64, config=Config()
@@ -175,6 +179,8 @@ TOGETHER = {
     "runs hidden layers of ReLU": lambda: c_header(tanh_policy()),
     "has no resets to choose": lambda: gymnasium.make("swingup/ContinuingSwimmer-v0", resets="chosen"),
     "an environment that was passed in serves one": lambda: AREAPO(Noisy(), seeds=2, **TINY),
+    "report of no robot": lambda: render_page([]),
+    "has no stage": lambda: policy_of(dataclasses.replace(LONE, policy=Policy((abs,), LONE.policy.actor))),
     "callback = 3": lambda: AREAPO(Noisy, **TINY).learn(64, 3),
     "scored by one episode": lambda: AREAPO("pendubot", **TINY).evaluate(100),
 }
