@@ -10,7 +10,6 @@ from typing import Annotated, Any
 from tyro.conf import arg
 
 from ..benchmark.judge import judge
-from ..benchmark.result import Result
 from ..benchmark.seeds import check_seeds
 from ..common.errors import SwingupError
 from ..common.files import check_writable, write_atomically
@@ -25,7 +24,6 @@ from ..learner.start import resume_run, start_run
 from ..loop.domain import Domain, load_domain
 from ..loop.on_plant import drawn_around, loop_around, plant_as_domain
 from ..plant.plant import LEADERBOARD, Plant
-from ..plant.robots import Robot
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
 from ..policy.shipped import AR_EAPO, load_policy
 from ..refine.plant_draws import RECORDED
@@ -46,7 +44,7 @@ from .output import tell
 from .parsing import command_line
 from .progress import Progress
 from .results import result_lines
-from .showing import figures
+from .showing import train_shown
 
 PRESET = "small"
 """Preset of the base policies: it learns to recover on any pendulum in minutes."""
@@ -102,14 +100,19 @@ def refine_command(
         tell(f"wrote {out}: judge it with {command_line('evaluate', robot.name, controller=out, **plant)}")
         return 0
     begun, (around, file) = time.monotonic(), adapted_domain(plant, domain, out)
+    base = policy
+    if base is None:  # one that recovers on the domain's plant without friction, trained here or in an earlier call
+        folder = Path(out).with_name(f"{Path(out).stem}-base")
+        goal = get_preset(PRESET).frames if frames is None else frames
+        settings = make_run_settings(robot.name, PRESET, plant=frictionless_design(around), seed=seed)
+        run = resume_run(folder, goal) if folder.exists() else start_run(settings, folder, goal)
+        if stopped := train_shown(run):
+            return stopped
+        base = str(folder / BEST)
     with Progress() as progress:
-        if policy is None:
-            folder = Path(out).with_name(f"{Path(out).stem}-base")
-            base = _base_policy(robot, around, folder, seed, frames, progress)
-        else:
-            base = load_policy(policy, robot)
-        _refine(base, out, recipe, seed, command, progress, domain=around)
-        result = _judged(out, robot, around, seeds, progress)
+        _refine(load_policy(base, robot), out, recipe, seed, command, progress, domain=around)
+        found, told = get_controller(out, robot), partial(progress, "judging")
+        result = judge(found, robot, "sim2real", seeds, seed=SEED, name=out, domain=around, progress=told)
     if page is not None:
         save_log_report(report_adaptation(around, result), page)
     again = command_line("evaluate", robot.name, board="sim2real", controller=out, domain=file)
@@ -181,26 +184,3 @@ def adapted_domain(options: PlantOptions, domain: str | None, out: str) -> tuple
     text = "".join(f"{name}: {value}\n" for name, value in {**rows, **option}.items())
     write_atomically(file, f"# Source: swingup refine --recipe adapt, {around.name}. SI units.\n{text}".encode())
     return load_domain(str(file)), str(file)
-
-
-def _base_policy(
-    robot: Robot, domain: Domain, folder: Path, seed: int, frames: int | None, bar: Progress
-) -> PendulumPolicy:
-    """A policy that recovers on the domain's plant without friction: trained here, or continued from the folder."""
-    goal = get_preset(PRESET).frames if frames is None else frames
-    settings = make_run_settings(robot.name, PRESET, plant=frictionless_design(domain), seed=seed)
-    run = resume_run(folder, goal) if folder.exists() else start_run(settings, folder, goal)
-    bar.log(f"base policy ({PRESET}) for {frictionless_design(domain)}: compiling")
-    run.compile()
-    bar("base policy", run.frames, run.goal)
-    for report in run.advance():
-        bar("base policy", report.frames, run.goal, figures(report))
-    run.close()
-    return load_policy(run.folder / BEST, robot)
-
-
-def _judged(out: str, robot: Robot, domain: Domain, seeds: int, bar: Progress) -> Result:
-    """How the policy in a file does on draws that its training did not see."""
-    progress = partial(bar, "judging")
-    controller = get_controller(out, robot)
-    return judge(controller, robot, "sim2real", seeds, seed=SEED, name=out, domain=domain, progress=progress)
