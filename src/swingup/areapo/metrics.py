@@ -1,7 +1,5 @@
 """The metrics of an iteration."""
 
-import dataclasses
-
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -49,10 +47,8 @@ class Metrics(eqx.Module):
 
     def as_dict(self) -> dict[str, float]:
         """Flat, as Python floats."""
-        own = {
-            field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name != "losses"
-        }
-        return {name: float(value) for name, value in (own | vars(self.losses)).items()}
+        values = vars(self) | vars(self.losses)
+        return {name: float(value) for name, value in values.items() if name != "losses"}
 
 
 def make_metrics(

@@ -4,6 +4,7 @@ import itertools
 import shlex
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 from ..benchmark.leaderboard import paper_score
@@ -34,25 +35,27 @@ PAGE = "page.html"
 TRAINED, BEGINNER = "your policy", "your policy at first"
 
 
+@dataclass
 class Watch:
     """Watches a run: keeps its first policy, and notes when its score passed the paper's."""
 
-    def __init__(self, run: Run, paper: float, start: float) -> None:
-        """Show a run whose command started at a reading of ``time.monotonic``."""
-        self._run, self._paper, self._start = run, paper, start
-        self.passed: float | None = None
-        """Seconds from the command to the score."""
+    run: Run
+    paper: float
+    start: float
+    """When the command started, by ``time.monotonic``."""
+    passed: float | None = None
+    """Seconds from the command to the score."""
 
     def note(self, report: TrainingReport) -> str:
         """The paper's score, and the time at which the run passed it."""
-        first = self._run.folder / FIRST
+        first = self.run.folder / FIRST
         if not first.exists():
             result = {"score": report.rows[0]["score"], "frames": report.frames}
-            self._run.save_policy(first, 0, self._run.policy(0), result)
-        if self.passed is None and (report.best_score or 0.0) >= self._paper:
-            self.passed = time.monotonic() - self._start
+            self.run.save_policy(first, 0, self.run.policy(0), result)
+        if self.passed is None and (report.best_score or 0.0) >= self.paper:
+            self.passed = time.monotonic() - self.start
         when = "" if self.passed is None else f" at {self.passed:.0f} s"
-        return f"paper's {self._paper:.3f}{when}"
+        return f"paper's {self.paper:.3f}{when}"
 
 
 def demo_command(
