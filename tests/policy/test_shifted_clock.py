@@ -91,12 +91,14 @@ def test_torques_follow_from_estimate_plant_and_memory(name):
 
 
 def watched(found):
-    """The list to which the controller's estimates, plants θ and torques against friction go from now on."""
+    """The list that gets the controller's estimates, plants θ and torques against friction and load from now on."""
     shown, torque, inner = [], found.inner._torque, found.inner
 
     def watching(estimate):
-        pairs = zip(*inner.found.asked, estimate[2:], strict=True)
-        against = [friction(b, cf, rate, math.atan) for b, cf, rate in pairs]
+        carried = inner.found.carried
+        loads = (0.0, 0.0) if carried is None else carried.at(*estimate[:2])
+        each = zip(*inner.found.asked, estimate[2:], loads, strict=True)
+        against = [friction(b, cf, rate, math.atan) + load for b, cf, rate, load in each]
         shown.append((estimate.copy(), list(inner.found.told), against))
         return torque(estimate)
 

@@ -63,6 +63,11 @@ HAND_OVER = {
     "pendubot": RegulatorSettings(enter=0.04, enter_coulomb=0.01, leave_coulomb=5e-4),
 }
 """Chosen on plants that no board has (``docs/refining.md``)."""
+FINDING = {
+    "acrobot": IdentifierSettings(load_deviation=0.01, spring_deviation=0.01),
+    "pendubot": IdentifierSettings(),
+}
+"""Which loads are looked for. Chosen on robots outside of the package (``lab/adaptive.md``)."""
 ACCELERATION_NOISE = 10.0
 """The estimator's where the model is the plant found (rad/s²): such a model errs less. Chosen."""
 
@@ -190,9 +195,9 @@ def wrapped_policy(controller: PolicyController, passive_limit: float | None = N
         return dataclasses.replace(policy, estimator=estimator)
     noise = ACCELERATION_NOISE * scales.of(ACCELERATION)
     estimator = dataclasses.replace(estimator, acceleration_noise=noise)
-    identifier = scaled(IdentifierSettings(), scales)
+    identifier = scaled(FINDING[controller.robot.name], scales)
     if passive_limit is not None:
-        identifier = IdentifierSettings(passive_limit)
+        identifier = dataclasses.replace(identifier, passive_limit=passive_limit)
     regulator = scaled(HAND_OVER[controller.robot.name], scales)
     return dataclasses.replace(policy, estimator=estimator, identifier=identifier, regulator=regulator)
 
