@@ -168,6 +168,13 @@ def uneven(times, states):
     return np.cumsum(ratios) * DT, states
 
 
+def old(times, states):
+    """Angles of three calls ago, where calls come late."""
+    later = np.cumsum(np.random.default_rng(0).choice([1.0, 1.6], len(times), p=[0.9, 0.1])) * DT
+    measured = np.stack([np.interp(later, times, column) for column in states.T], axis=1)
+    return later, np.concatenate([measured[:3], measured[:-3]])
+
+
 def broken(times, states):
     """A pause, a clock set back, a jump, and what is not finite, after a motion; then the motion goes on."""
     later, between = faults()
@@ -177,7 +184,7 @@ def broken(times, states):
     return times, states
 
 
-@pytest.mark.parametrize("change", [uneven, broken])
+@pytest.mark.parametrize("change", [uneven, old, broken])
 def test_identifying_under_faults_in_c_is_numpys(made, change):
     found, numpys = made("c", ADAPTIVES[0]), made("numpy", ADAPTIVES[0]).controller
     times, states = change(*numpy_run(ADAPTIVES[0])[:2])

@@ -16,6 +16,7 @@ from swingup.plant.plant import load_plant
 from swingup.plant.robots import get_robot
 from swingup.policy.estimator.settings import EstimatorSettings
 from swingup.policy.identifier import settings
+from swingup.policy.identifier.core import IdentifierState, elapsed
 from swingup.policy.identifier.settings import IdentifierSettings
 from swingup.policy.network.layers import Network
 from swingup.policy.network.stages import PendulumStage, PlantStage
@@ -44,17 +45,17 @@ def changed(plant):
     return dataclasses.replace(plant, m2=1.1 * plant.m2, r2=0.93 * plant.r2, I2=1.1 * plant.I2, cf1=0.05, cf2=0.16)
 
 
-def run(controller, plant, steps=STEPS, periods=None, late=False):
+def run(controller, plant, steps=STEPS, periods=None, age=0):
     """The controller's torques on a motion of a plant under a swinging torque, which the controller is told.
 
-    Periods (s) are DT if none are given. Late measurements are those of the call before.
+    Periods (s) are DT if none are given. Measurements are those of so many calls ago.
     """
     lumped, x, rows = lump(plant), (0.0, 0.0, 0.0, 0.0), []
-    before = x
+    past = [x] * (age + 1)
     periods = np.full(steps, DT) if periods is None else periods
     for t, period in zip(np.cumsum(periods) - periods, periods, strict=True):
-        rows.append(controller(np.array(before if late else x), t))
-        before = x
+        past = [x, *past[:-1]]
+        rows.append(controller(np.array(past[-1]), t))
         torque = 1.5 * math.sin(6.5 * t) + math.sin(15 * t + 1)
         # As if the policy had commanded it.
         controller.inner.state.identified.torques[0] = 0.0, torque
@@ -81,23 +82,32 @@ def test_it_finds_the_plant_at_other_periods(policy, clock):
     assert (np.abs(base_parameters(policy.plant) / true - 1)[:4] > 0.015).sum() >= 3
 
 
-@pytest.mark.parametrize(("late", "even"), [(True, False), (False, False), (True, True), (False, True)])
-def test_uneven_calls_tell_the_age_of_the_angles(policy, late, even):
+@pytest.mark.parametrize(("age", "even"), [(1, False), (3, False), (0, False), (1, True), (0, True)])
+def test_uneven_calls_tell_the_age_of_the_angles(policy, age, even):
     """Even calls tell nothing: a call's age is then a delay like any other."""
     controller = numpy_controller(policy)
-    run(controller, changed(policy.plant), periods=None if even else uneven_periods(), late=late)
-    assert controller.inner.state.identified.age == (late and not even)
+    run(controller, changed(policy.plant), periods=None if even else uneven_periods(), age=age)
+    assert controller.inner.state.identified.age == (0 if even else age)
 
 
-def test_the_age_makes_late_angles_as_good_as_present_ones(policy, monkeypatch):
+@pytest.mark.parametrize("age", [1, 3])
+def test_the_age_makes_late_angles_as_good_as_present_ones(policy, monkeypatch, age):
     plant, errors = changed(policy.plant), []
     for caution in (settings.AGE_CAUTION, math.inf):  # with the second, the age stays 0
         monkeypatch.setattr(settings, "AGE_CAUTION", caution)
         controller = numpy_controller(policy)
-        run(controller, plant, periods=uneven_periods(), late=True)
+        run(controller, plant, periods=uneven_periods(), age=age)
         errors.append(np.abs(np.array(controller.inner.found.theta) / base_parameters(plant) - 1)[:4].max())
     assert errors[0] < 0.005
     assert errors[1] > 5 * errors[0]
+
+
+def test_old_angles_are_carried_ahead_over_the_time_that_passed():
+    """Where calls come late: the time since the angles, not so many of the last call's periods."""
+    steps = np.array([0.003, 0.002, 0.004, 0.002])
+    for age, expected in ((0, 0.0), (1, 0.0025), (3, 0.0075)):
+        state = IdentifierState(*[None] * len(IdentifierState._fields))._replace(age=np.array(age), steps=steps)
+        assert elapsed(NUMPY, state, 0.0025) == pytest.approx(expected, abs=1e-15)
 
 
 def test_a_pause_interrupts(policy):

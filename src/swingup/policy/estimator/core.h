@@ -116,14 +116,14 @@ static inline double swingup_commanded(const swingup_estimator *c, double n)
     return k < SWINGUP_DELAYS ? sum + (n - k) * c->torques[k] : sum;
 }
 
-/* The state after the delay, steps of h (s), in pieces with the mean of the torques that act in each. */
-static inline void swingup_ahead(const swingup_estimator *c, const swingup_plant *plant, double x[4], double h)
+/* The state after the delay, a time (s), in pieces with the mean of the torques that act in each. */
+static inline void swingup_ahead(const swingup_estimator *c, const swingup_plant *plant, double x[4], double time)
 {
     const double steps = (double)c->delay_steps / SWINGUP_PREDICTION_STEPS;
     int piece;
     for (piece = SWINGUP_PREDICTION_STEPS; piece > 0 && c->delay_steps > 0; piece--) {
         const double sum = swingup_commanded(c, piece * steps) - swingup_commanded(c, (piece - 1) * steps);
-        swingup_step(plant, x, sum / steps, steps * h);
+        swingup_step(plant, x, sum / steps, time / SWINGUP_PREDICTION_STEPS);
     }
 }
 
@@ -156,11 +156,11 @@ static inline void swingup_observe(swingup_estimator *c, double t, const double 
     swingup_identifier *found = &c->identifier;
     const double *base = found->base, *friction = found->felt, *offsets = found->offsets;
     const double x[4] = {measured[0] - offsets[0], measured[1] - offsets[1], measured[2], measured[3]};
-    const double interval = swingup_interval(found, h);
+    const double interval = swingup_interval(found, h), passed = swingup_elapsed(found, h);
     const int age = found->age;
 #else
     const double *x = measured, *base = swingup_theta, *friction = swingup_theta + 4;
-    const double interval = h;
+    const double interval = h, passed = 0.0;
     const int age = 0;
 #endif
     swingup_plant plant;
@@ -184,7 +184,7 @@ static inline void swingup_observe(swingup_estimator *c, double t, const double 
         for (i = 0; i < 4; i++) {
             seen[i] = c->state[i];
         }
-        swingup_ahead(c, &plant, seen, h);
+        swingup_ahead(c, &plant, seen, passed + (c->delay_steps - age) * h);
         if (!swingup_finite(seen, 4)) {
             for (i = 0; i < 4; i++) {
                 seen[i] = x[i];

@@ -21,15 +21,16 @@ x̂, and evidence S_n; and the delay m. At each call with the measurement z, a t
 4. The estimate restarts, x̂ ← z, all u_n and d_n ← 0, S and m as before the call, if there was no call before, if
    the last one was more than 4 Δ ago or is in the future, or if a rate of x̂ is not within 100 standard
    deviations of the measured one. The controller then sees z.
-5. Otherwise it sees x̂ carried ahead by m steps: four steps of the model of m h/4 each, with the mean of the
-   torques that act in each, as if commands were held from call to call; z if that is not finite.
+5. Otherwise it sees x̂ carried ahead by m steps, which last as long as those since the angles were measured, or h:
+   four equal steps of the model, with the mean of the torques that act in each, as if commands were held from call
+   to call; z if that is not finite.
 
 A z that is not finite, or repeats all digits of the last finite one with a velocity other than 0, shows nothing
 new. In such a gap of at most ``longest_gap`` the model stands in: e = 0 and K = 0, S stays, no measured rate
 restarts the estimate, and the identifier begins its motion anew.
 
 With an identifier z is the measurement less the offsets found, the model is the plant found before this call, and h
-is the time between the angles where they are a call old. The identifier is shown the measured angles last. The
+is the time between the angles where they are some calls old. The identifier is shown the measured angles last. The
 friction and the load that it found are compensated on both joints, b q̇ + c arctan(100 q̇) + c' + k q at the state
 seen, the undriven joint's within its limit; both torques are NaN if the state seen is not finite.
 """
@@ -162,10 +163,11 @@ def observe(
     gap = maths.where(finite, maths.where(repeats, gap, 0.0), gap)
     lost = (gap > 0) & (gap <= loop.settings.longest_gap) & (pause < math.inf)
     sample = maths.where(finite, x, state.sample)
-    between, age = dt, 0
+    between, age, passed = dt, 0, 0.0
     if found is not None and state.identified is not None:
         x, model = x - maths.vector([*found.offsets, 0.0, 0.0]), (found.plant, found.friction, found.load)
         between, age = identifier.interval(maths, state.identified, dt), state.identified.age
+        passed = identifier.elapsed(maths, state.identified, dt)
     followed = _follow(maths, loop, state, x, lost, between, model, age)
     # What is not finite fails the comparison, and is lost.
     miss1, miss2 = maths.numbers(abs(x - followed.state)[2:])
@@ -173,7 +175,8 @@ def observe(
     kept = in_time & (lost | ((miss1 <= jump) & (miss2 <= jump)))
     after = maths.choose(xp.logical_not(kept), lambda: _restart(maths, state, x), followed)
     # The filter's estimate is as old as the delay; the controller needs the present state.
-    ahead = maths.choose(after.delay_steps > 0, lambda: _ahead(maths, loop, after, dt, model), after.state)
+    time = passed + (after.delay_steps - age) * dt
+    ahead = maths.choose(after.delay_steps > 0, lambda: _ahead(maths, loop, after, time, model), after.state)
     seen = maths.choose(kept & maths.finite(ahead), lambda: ahead, x)
     shown = maths.where(lost, math.nan * measured, measured)
     identified = _identify(maths, loop, after, in_time, pause, shown)
@@ -267,15 +270,15 @@ def _correction(gains: tuple[Number, ...], angles: Array, rates: Array) -> tuple
     return gains[0] * angles + gains[1] * rates, gains[2] * angles + gains[3] * rates
 
 
-def _ahead(maths: Maths, loop: Loop, state: EstimatorState, dt: Number, model: Model) -> Array:
-    """The state after the delay, steps of dt (s), in pieces with the mean of the torques that act in each."""
+def _ahead(maths: Maths, loop: Loop, state: EstimatorState, time: Number, model: Model) -> Array:
+    """The state after the delay, a time (s), in pieces with the mean of the torques that act in each."""
     xp, steps = maths.xp, maths.number(state.delay_steps / PREDICTION_STEPS)
     # How much of each torque's step lies before a piece's ends: it began and will end so many steps ago.
     pieces, delays = (xp.asarray(each, state.evidence.dtype) for each in (PIECES, loop.delays))
     passed = xp.minimum(xp.maximum(pieces * steps - delays, 0.0), 1.0)
     # Without a delay the pieces are empty: 0 / 0 would be NaN.
     torques = ((passed[:-1] - passed[1:]) * state.torques).sum(axis=1) / maths.maximum(steps, 1e-6)
-    return step(maths, loop, model, state.state, maths.numbers(torques), steps * dt)
+    return step(maths, loop, model, state.state, maths.numbers(torques), time / PREDICTION_STEPS)
 
 
 def step(maths: Maths, loop: Loop, model: Model, x: Array, torques: tuple[Number, ...], dt: Number) -> Array:

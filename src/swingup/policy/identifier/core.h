@@ -18,6 +18,8 @@
 /* Behind them, where loads are expected: constant torques against both joints (N m) and springs (N m/rad). */
 #define SWINGUP_LOAD 13
 #define SWINGUP_HAS_LOADS (SWINGUP_UNKNOWNS > SWINGUP_LOAD)
+/* Angles may be a call old whatever the longest delay is. */
+#define SWINGUP_AGES (SWINGUP_DELAYS > 1 ? SWINGUP_DELAYS : 2)
 
 typedef struct {
     /* After each low-pass, of both joints: a number for each unknown, and the torque. */
@@ -27,8 +29,8 @@ typedef struct {
 typedef struct {
     int calls;                              /* measurements since the last restart */
     int delay_steps;                        /* the delay told last (steps), or age where that is more */
-    int age;                                /* 1 if the angles are those of the call before, else 0 */
-    double missed[2];                       /* what the motion misses with age 0, and with age 1 */
+    int age;                                /* how many calls ago the angles were the plant's */
+    double missed[SWINGUP_AGES];            /* what the motion misses with each age */
     double angles[2 * SWINGUP_SPAN + 1][2]; /* measured, without jumps of full turns, newest first (rad) */
     double torques[SWINGUP_COMMANDS][2];    /* asked of both motors, newest first (N m) */
     double steps[SWINGUP_COMMANDS];         /* time for which each was held (s) */
@@ -353,16 +355,21 @@ static inline void swingup_interrupt(swingup_identifier *c)
 /* Time between the angles of the call before and those of this one, h (s) after it. */
 static inline double swingup_interval(const swingup_identifier *c, double h)
 {
-    return c->age > 0 ? c->steps[0] : h;
+    return c->age > 0 ? c->steps[c->age - 1] : h;
 }
 
-/* The angles' age (calls): a longer step shows as a longer way in the same call, or in the next. */
+/* Time since the angles of this call, h (s) after the one before, were those of the plant. */
+static inline double swingup_elapsed(const swingup_identifier *c, double h)
+{
+    return c->age > 0 ? h + swingup_age(c, c->age - 1) : 0.0;
+}
+
+/* The angles' age (calls): a longer step shows as a longer way in the same call, or in a later one. */
 static inline int swingup_weigh_ages(swingup_identifier *c)
 {
     const double time = swingup_age(c, 2 * SWINGUP_SPAN);
-    double more;
-    int i, k;
-    for (k = 0; k < 2; k++) {
+    int i, k, likely = 0;
+    for (k = 0; k < SWINGUP_AGES; k++) {
         double misses = 0.0;
         for (i = 0; i < 2; i++) {
             const double rate = (c->angles[0][i] - c->angles[2 * SWINGUP_SPAN][i]) / time;
@@ -372,9 +379,9 @@ static inline int swingup_weigh_ages(swingup_identifier *c)
         }
         c->missed[k] *= SWINGUP_UNEVEN_FADING;
         c->missed[k] += c->calls > 2 * SWINGUP_SPAN ? log1p(misses / SWINGUP_UNEVEN_SQUARED) : 0.0;
+        likely = c->missed[k] < c->missed[likely] ? k : likely;
     }
-    more = c->missed[0] - c->missed[1];
-    return more > SWINGUP_AGE_CAUTION ? 1 : more < -SWINGUP_AGE_CAUTION ? 0 : c->age;
+    return c->missed[c->age] - c->missed[likely] > SWINGUP_AGE_CAUTION ? likely : c->age;
 }
 
 /* Learn from the angles of x, which are delay_steps old, a pause (s) after the call before. */

@@ -20,7 +20,7 @@ At each measurement, with the rows Y of ``plant.momentum`` for the last angles a
    change nothing but r: pushes.
 3. P grows by a small drift. There is no forgetting: what is not excited stays as sure as it was.
 
-A robot's loop may hand over the angles of the call before: their age is 1 then, else 0. Where the times between
+A robot's loop may hand over the angles of an earlier call: so many calls ago is their age. Where the times between
 calls are uneven, the motion from angle to angle tells whose times they are; where they are even, it does not
 matter. The torques of a row begin as many calls ago as the delay told, at least the age. If either changes, the lag
 changes by the opposite time, since their sum is what was found, and the low-passes start again.
@@ -98,10 +98,10 @@ class IdentifierState(NamedTuple):
     """Measurements since the last restart."""
     delay_steps: Number
     """The delay told last (steps), or ``age`` where that is more."""
-    missed: Pair
-    """What the motion misses if angles are those of this call, and if they are those of the one before."""
+    missed: Array
+    """What the motion misses if angles have each age, from 0 on (ages,)."""
     age: Number
-    """1 if the angles are those of the call before, else 0."""
+    """The angles' age (calls)."""
     filtered: tuple[Array, ...]
     """States of the low-passes: rows (2, 14) of both joints, with u̇, -v and u in the last columns."""
     unknowns: Array
@@ -146,7 +146,7 @@ def begin(maths: Maths, loop: Loop) -> IdentifierState:
         steps=xp.full(past, loop.period),
         calls=xp.array(0),
         delay_steps=xp.array(0),
-        missed=(zero, zero),
+        missed=xp.zeros(max(loop.max_delay_steps, 1) + 1),
         age=xp.array(0),
         filtered=(xp.zeros((2, len(loop.mean) + 1)),) * POLES,
         unknowns=xp.array(loop.mean),
@@ -173,8 +173,20 @@ def remember(maths: Maths, state: IdentifierState, u: Array) -> IdentifierState:
 
 
 def interval(maths: Maths, state: IdentifierState, step: Number) -> Number:
-    """Time (s) from the measured angles before to these, which come a step (s) after the last call."""
-    return maths.where(state.age > 0, state.steps[0], step)
+    """Time between the measured angles before the last ones are observed and these (s).
+
+    Args:
+        maths: for this kind of number.
+        state: of the calls before.
+        step: time since the last call (s).
+    """
+    return maths.choose(state.age > 0, lambda: maths.number(state.steps[state.age - 1]), step)
+
+
+def elapsed(maths: Maths, state: IdentifierState, step: Number) -> Number:
+    """Time since the angles of this call, not yet observed, were those of the plant (s)."""
+    before = (maths.xp.arange(len(state.steps)) < state.age - 1) @ state.steps
+    return maths.where(state.age > 0, step, 0.0) + maths.number(before)
 
 
 def observe(
@@ -252,23 +264,17 @@ def _deviation(loop: Loop, joint: int) -> float:
     return chosen.DRIVEN_DEVIATION if joint == loop.joint else chosen.PASSIVE_DEVIATION
 
 
-def _age(maths: Maths, state: IdentifierState, angles: Array, steps: Array) -> tuple[Pair, Number]:
-    """Weigh both ages of the angles: a longer step shows as a longer way in the same call, or in the next."""
-    whole = len(state.angles) - 1
-    (a1, a2), (b1, b2), (c1, c2), (z1, z2) = (maths.numbers(angles[place]) for place in (0, 1, 2, whole))
-    first, second, third, *others = maths.numbers(steps[: max(whole, 3)])
-    time = sum([first, second, third, *others][:whole])
-    rate1, rate2 = (a1 - z1) / time, (a2 - z2) / time
-    bend1, bend2 = a1 - 2 * b1 + c1, a2 - 2 * b2 + c2
-
-    def faded(before: Number, longer: Number) -> Number:
-        miss1, miss2 = bend1 - rate1 * longer, bend2 - rate2 * longer
-        now = maths.log1p((miss1 * miss1 + miss2 * miss2) / chosen.UNEVEN_STEP**2)
-        return chosen.UNEVEN_FADING * before + maths.where(state.calls > whole, now, 0.0)
-
-    missed = faded(state.missed[0], first - second), faded(state.missed[1], second - third)
-    more = missed[0] - missed[1]
-    return missed, maths.where(more > chosen.AGE_CAUTION, 1, maths.where(more < -chosen.AGE_CAUTION, 0, state.age))
+def _age(maths: Maths, state: IdentifierState, angles: Array, steps: Array) -> tuple[Array, Number]:
+    """Weigh the ages of the angles: a longer step shows as a longer way in the same call, or in a later one."""
+    xp, whole, ages = maths.xp, len(state.angles) - 1, len(state.missed)
+    rate1, rate2 = maths.numbers((angles[0] - angles[whole]) / steps[:whole].sum())
+    bend1, bend2 = maths.numbers(angles[0] - 2 * angles[1] + angles[2])
+    longer = steps[:ages] - steps[1 : ages + 1]
+    now = xp.log1p(((bend1 - rate1 * longer) ** 2 + (bend2 - rate2 * longer) ** 2) / chosen.UNEVEN_STEP**2)
+    missed = chosen.UNEVEN_FADING * state.missed + maths.where(state.calls > whole, now, 0.0)
+    likely = xp.argmin(missed).astype(state.age.dtype)
+    surer = missed[state.age] - missed[likely] > chosen.AGE_CAUTION
+    return missed, maths.where(surer, likely, state.age)
 
 
 def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
