@@ -97,7 +97,7 @@ def _packages() -> list[str]:
     for name, module in list(sys.modules.items()):
         top, file = name.partition(".")[0], getattr(module, "__file__", None)
         # Debian's Python comes with a sitecustomize, which is not among the names of the standard library.
-        ours = top.startswith("_") or top in (*sys.stdlib_module_names, "__main__", "sitecustomize", "usercustomize")
+        ours = top.startswith("_") or top in (*sys.stdlib_module_names, "__main__", "sitecustomize")
         if file and not ours and not Path(file).resolve().is_relative_to(folder):
             found.add(top)
     return sorted(found)
