@@ -176,6 +176,9 @@ def test_command_lines_run_in_their_order(tmp_path, monkeypatch, small_grid, bri
     for name, number in {"free-fall": 1, "excitation": 2, "a": 1, "b": 2, "c": 3}.items():
         shutil.copy(logs / f"C1-excitation-{number}.csv", f"{name}.csv")
     assert main(["evaluate", "acrobot", "--save", "robot.csv"]) == 0
+    shutil.copy("robot.csv", "odd.csv")
+    rows = np.loadtxt("robot.csv", delimiter=",", skiprows=1)
+    np.savetxt("minute.csv", np.insert(rows, [5] * 4, 0.0, axis=1), delimiter=",")
     lines = [param.values[0] for param in command_lines()]
     assert all(any(text in line for line in lines) for text in LEFT_OUT)
     for line in lines:
