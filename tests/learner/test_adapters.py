@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from refusals import refusal
+from swingup.common.errors import SwingupError
 from swingup.gymnax import PendulumEnvironment
 from swingup.plant.robots import ROBOTS
 from swingup.tasks.adapters import as_task
@@ -281,3 +282,29 @@ def test_gymnax_itself():
     gymnax.register("Acrobot-swingup", lambda: ACROBOT)
     ours, ours_params = gymnax.make("Acrobot-swingup")
     check_contract(GymnaxTask(ours, ours_params.replace(max_steps_in_episode=2)), [])
+
+
+@pytest.mark.slow  # the packages are not installed with the tests
+@pytest.mark.filterwarnings("default")  # theirs
+def test_a_terminating_environment_of_the_package():
+    """In jumanji's Snake the head runs into a wall."""
+    pytest.importorskip("jumanji", reason="jumanji is not installed: see docs/learner.md")
+    envelope = pytest.importorskip(
+        "envelope", reason="jax-envelope is not installed: pip install 'swingup[envelope]'"
+    )
+    inner = envelope.create("jumanji::Snake-v1", {"num_rows": 4, "num_cols": 4}, max_episode_steps=9)
+    env = envelope.FlattenObservationWrapper(envelope.ContinuousObservationWrapper(inner))
+    with pytest.raises(SwingupError, match=r"several arrays: wrap it in envelope\.ContinuousObservationWrapper"):
+        EnvelopeTask(inner)
+    task = EnvelopeTask(env)
+    assert task.choices == (4,)
+    # Always up, 0, from the contract's first start: stepped here by the package alone.
+    step = jax.jit(inner.step)
+    state, info = jax.jit(inner.init)(jax.random.split(jax.random.key(5))[0])
+    steps = 0
+    while not info.terminated:
+        state, info = step(state, jnp.array(0))
+        steps += 1
+    last = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(info.obs)])
+    assert 1 <= steps <= 4
+    check_contract(task, [Ending(0, steps, True, lambda start: last)])
