@@ -27,7 +27,7 @@ Data = dict[str, int | float | str | np.ndarray]
 
 AS_IN_PYTHON = (
     "BANDWIDTH", "RELATIVE_FLOOR", "GATE_HOLD", "STUDENT", "RISE_TIME", "FALL_TIME", "MARGIN", "FARTHEST",
-    "MOST_OFFSET", "AGE_CAUTION", "UNEVEN_FADING",
+    "MOST_OFFSET", "AGE_CAUTION", "UNEVEN_FADING", "UNEVEN_STEP",
 )  # fmt: skip
 """Constants of the identifier that the runtime has under the same names."""
 
@@ -157,7 +157,6 @@ def identifier_data(loop: Identifier) -> Data:
         "TILT_RATIO": mean[2] / mean[3],
         "PASSIVE_LIMIT": loop.passive_limit,
         "LEAST_GAIN": LEAST_GAIN,
-        "UNEVEN_SQUARED": i.UNEVEN_STEP**2,
         "mean": mean,
         "prior": covariance,
         "drift": i.DRIFT**2 * np.diagonal(covariance),
