@@ -27,7 +27,8 @@ from swingup.plant.save import save_plant
 from swingup.policy.file import read_network
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.pendulum import read_pendulum_policy
-from swingup.report.inputs import read_curve, read_robustness
+from swingup.report.figures import curves_figure, robustness_figure
+from swingup.report.inputs import read_robustness
 
 from .inputs import KINDS, LIKE
 
@@ -86,9 +87,9 @@ READERS = {
     "reference": [load_reference],
     "checkpoint": [lambda path: load_checkpoint(path, LIKE), read_metadata],
     "config": [lambda path: read_run_settings(Path(path).parent)],
-    "metrics": [read_metrics, read_curve],
+    "metrics": [read_metrics, lambda path: curves_figure({"a": read_metrics(path)})],
     "model": [load_plant, import_model, import_model],
-    "robustness": [read_robustness],
+    "robustness": [lambda path: robustness_figure({"a": read_robustness(path)})],
 }
 """What reads each kind of file."""
 

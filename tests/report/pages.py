@@ -31,6 +31,7 @@ EVIL = (
 """Names that attack the markup, the scripts, the plots or the terminal."""
 
 HANGING = Trajectory(0.01 * np.arange(1000), np.zeros((1000, 4)), np.zeros((1000, 2)))
+STILL = {"undisturbed": HANGING, "disturbed": HANGING}
 
 
 def make_board(robot: Robot, measure: str) -> Table:
@@ -49,12 +50,12 @@ def make_board(robot: Robot, measure: str) -> Table:
 def make_section(robot: Robot) -> Section:
     """A section with the shipped policy, which the acrobot's alone plays, one that hangs and one that fails."""
     policy = lone_policy("ar-eapo", robot)[0]
-    plays = make_show("ar-eapo", policy, robot, 0) if robot.joint == 1 else Show("ar-eapo", HANGING, HANGING)
+    plays = make_show("ar-eapo", policy, robot, 0) if robot.joint == 1 else Show("ar-eapo", STILL)
     return Section(
         robot=robot.name,
         plant=LEADERBOARD.driven(robot),
         tables=[make_board(robot, measure) for measure in ("performance", "robustness")],
-        shows=[plays, Show(NASTY, HANGING, HANGING), Show("broken", None, None, "It's <i>broken</i>.")],
+        shows=[plays, Show(NASTY, STILL), Show("broken", {}, "It's <i>broken</i>.")],
         disturbance=describe_disturbance(0),
         policy=policy_of(policy),
         policy_note=LIVE_NOTE,
@@ -71,6 +72,6 @@ def make_evil_section() -> Section:
             for k, name in enumerate(EVIL)
         ]
         tables.append(Table("acrobot", measure, BOARDS[measure].columns, 0, tuple(rows)))
-    shows = [Show(name, HANGING, HANGING, name) for name in EVIL]
+    shows = [Show(name, STILL, name) for name in EVIL]
     parameters = LEADERBOARD.driven(ROBOTS["acrobot"])
     return Section("acrobot", parameters, tables, shows, f"Disturbed {EVIL[0]}")

@@ -20,8 +20,7 @@ from swingup.report.compare import Comparison, close_loop, compare
 from swingup.report.draw import draw
 from swingup.report.inputs import driven_robot
 from swingup.report.log_report import report_comparison
-from swingup.report.page import render_log_page
-from swingup.report.save import save_log_report
+from swingup.report.page import render_log_page, save_log_report
 
 from .logs import C1, write_log
 

@@ -96,7 +96,7 @@ def test_data_are_the_trajectories_in_single_precision(section, html):
     assert data["driven"] == 1
     assert data["parameters"]["tl2"] == 6.0
     for run in ("undisturbed", "disturbed"):
-        rows, encoded = getattr(show, "clean" if run == "undisturbed" else run), data["shows"][0]["runs"][run]
+        rows, encoded = show.runs[run], data["shows"][0]["runs"][run]
         assert len(rows.time) == 1000  # 10 s at 100 Hz
         np.testing.assert_array_equal(floats(arrays[encoded["time"]]), np.float32(rows.time))
         for places, table in ((encoded["x"], rows.x), (encoded["u"], rows.u)):
@@ -107,7 +107,7 @@ def test_rows_from_the_first_that_is_not_finite_on_are_cut():
     for row, value in ((7, np.nan), (7, np.inf), (7, 1e300), (0, np.nan)):
         trajectory = a_trajectory()
         trajectory.x[row, 2] = value
-        html = render_page([a_section(shows=[Show("wild", trajectory, None, "It went wild.")])])
+        html = render_page([a_section(shows=[Show("wild", {"undisturbed": trajectory}, "It went wild.")])])
         data = data_of(html)
         shown = [show["runs"] for show in data["sections"][0]["shows"]]
         assert [len(floats(data["arrays"][runs["undisturbed"]["time"]])) for runs in shown] == [7] * (row > 0)

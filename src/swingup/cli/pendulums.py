@@ -20,7 +20,7 @@ from ..plant.robots import ROBOTS
 from ..plant.save import save_plant
 from ..plant.units import torque_over_gravity
 from ..report.log_report import identification_tables, report_identification
-from ..report.save import PAGE_FORMATS, save_log_report
+from ..report.page import PAGE_FORMATS, save_log_report
 from .arguments import (
     PLANT_FORMATS,
     PLANTS,

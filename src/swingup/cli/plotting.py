@@ -4,14 +4,20 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from ..benchmark.trajectory_file import load_trajectory
+from ..common.checks import one_of
 from ..common.errors import SwingupError
-from ..common.files import check_writable
+from ..common.files import check_writable, write_atomically
 from ..common.text import one_line
+from ..learner.metrics import read_metrics
 from ..loop.on_plant import plant_as_domain
 from ..report.compare import compare
-from ..report.film import FPS, SIZE
+from ..report.draw import FIGURE_FORMATS, draw, render
+from ..report.figures import curves_figure, phase_figure, robustness_figure, trajectory_figure
+from ..report.film import FILM_FORMATS, FPS, SIZE, animate
+from ..report.inputs import check_suffix, driven_robot, make_labels, read_robustness
 from ..report.log_report import report_comparison
-from ..report.save import PAGE_FORMATS, save_log_report, save_plot
+from ..report.page import PAGE_FORMATS, save_log_report
 from .arguments import (
     NO_PLANT,
     PLANTS,
@@ -26,6 +32,7 @@ from .arguments import (
 from .output import foreign_prints_apart, tell, tell_json
 from .tables import show_parts
 
+PLOT_KINDS = ("trajectory", "phase", "animation", "robustness", "curve")
 PlantNames = Annotated[tuple[str, ...], arg(metavar="PLANT...", help=f"plants to compare: {PLANTS}.")]
 
 
@@ -104,6 +111,28 @@ def plot_command(
         speed: speed of an animation; 1 is real time.
     """
     check_writable(out)
-    save_plot(kind, files, out, robot, fps, size, speed, plant_of(plant), columns)
+    one_of("kind of plot", kind, PLOT_KINDS)
+    if not files:
+        raise SwingupError("nothing to draw: give at least one file")
+    suffix, found = check_suffix(out, FILM_FORMATS if kind == "animation" else FIGURE_FORMATS), plant_of(plant)
+    labels = make_labels(files)
+    if kind == "robustness":
+        figure = robustness_figure(dict(zip(labels, map(read_robustness, files), strict=True)))
+    elif kind == "curve":
+        figure = curves_figure(dict(zip(labels, map(read_metrics, files), strict=True)))
+    else:
+        trajectories = [load_trajectory(file, columns) for file in files]
+        robots = [robot or driven_robot(file, rows.u) for file, rows in zip(files, trajectories, strict=True)]
+        if kind == "animation":
+            animate(list(zip(trajectories, robots, strict=True)), out, fps, size, speed, found)
+            tell(out)
+            return 0
+        for file, other in zip(files, robots, strict=True):
+            if other != robots[0]:
+                of = f"{files[0]} is of the {robots[0].name}, {file} of the {other.name}"
+                raise SwingupError(f"{of}: draw two pictures")
+        named = dict(zip(labels, trajectories, strict=True))
+        figure = phase_figure(named, robots[0]) if kind == "phase" else trajectory_figure(named, robots[0], found)
+    write_atomically(out, render(draw(figure), suffix))
     tell(out)
     return 0

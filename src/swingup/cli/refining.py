@@ -28,8 +28,8 @@ from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
 from ..policy.shipped import AR_EAPO, load_policy
 from ..refine.plant_draws import RECORDED
 from ..refine.recipe import ADAPT, RECIPES, RefinementReport, frictionless_design, run_recipe, wrapped_policy
-from ..report.adapt_report import report_adaptation
-from ..report.save import PAGE_FORMATS, save_log_report
+from ..report.log_report import report_adaptation
+from ..report.page import PAGE_FORMATS, save_log_report
 from .arguments import (
     NO_PLANT,
     OptionalDomain,

@@ -6,6 +6,7 @@ Nothing here uses pyplot, and global settings change only during a call.
 import io
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
+from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,47 +35,15 @@ LONGEST_NAME = 40
 WIDE_BAR = 0.15
 """Bars of this width have room for their number."""
 
-STYLE = {
-    "figure.dpi": 200,
-    "font.size": 8.5,
-    "axes.titlesize": 9,
-    "axes.edgecolor": BASE,
-    "axes.linewidth": 0.8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.axisbelow": True,
-    "axes.grid": True,
-    "grid.color": GUIDE,
-    "grid.linewidth": 0.4,
-    "xtick.color": BASE,
-    "ytick.color": BASE,
-    "xtick.labelcolor": "black",
-    "ytick.labelcolor": "black",
-    "lines.linewidth": 1.1,
-    "legend.frameon": False,
-    "legend.handlelength": 1.6,
-    "hatch.linewidth": 0.6,
-    "hatch.color": "white",
-    "svg.hashsalt": "swingup",
-    "pdf.fonttype": 42,
-}
-"""Changes to matplotlib's defaults. A user's matplotlibrc has no effect."""
-
 LOOKS: dict[str, dict[str, Any]] = {
     LINE: {},
     THIN: {"linewidth": 0.8, "alpha": 0.7},
     DASHED: {"linewidth": 0.9, "linestyle": "--"},
     DOTS: {"linestyle": "none", "marker": ".", "markersize": 3, "alpha": 0.6},
-    RING: {
-        "linestyle": "none", "marker": "o", "markersize": 8.0, "markerfacecolor": "none", "markeredgewidth": 0.9,
-        "zorder": 3,
-    },
+    RING: {"marker": "o", "markersize": 8.0, "markerfacecolor": "none", "markeredgewidth": 0.9},
     # The star fits into the ring: start and goal may coincide.
-    STAR: {
-        "linestyle": "none", "marker": "*", "markersize": 6.5, "markeredgecolor": "white", "markeredgewidth": 0.5,
-        "zorder": 3,
-    },
-}  # fmt: skip
+    STAR: {"marker": "*", "markersize": 6.5, "markeredgecolor": "white", "markeredgewidth": 0.5},
+}
 
 
 def draw(figures: Figure | Mapping[str, Figure], title: str = "") -> "Drawing":
@@ -155,15 +124,16 @@ def _draw_panel(axes: "Axes", panel: Panel, entries: dict[str, "Artist"]) -> Non
 
 
 def _draw_curve(axes: "Axes", curve: Curve) -> "Artist":
-    named = isinstance(curve.colour, str)
-    if curve.look in (BARS, PALE_BARS):
-        return _draw_bars(
-            axes, curve, {"color": THEME[str(curve.colour)]} if named else bar_look(int(curve.colour))
-        )
-    look = {"color": THEME[str(curve.colour)]} if named else line_look(int(curve.colour))
+    bars = curve.look in (BARS, PALE_BARS)
+    if isinstance(curve.colour, str):
+        look: dict[str, Any] = {"color": THEME[curve.colour]}
+    else:
+        look = bar_look(curve.colour) if bars else line_look(curve.colour)
+    if bars:
+        return _draw_bars(axes, curve, look)
     look |= LOOKS[curve.look] | ({"drawstyle": "steps-post"} if curve.steps else {})
-    if curve.look == STAR:
-        look["markerfacecolor"] = look["color"]
+    if curve.look in (RING, STAR):
+        look = {"markerfacecolor": look["color"]} | look | {"linestyle": "none", "zorder": 3}
     (line,) = axes.plot(curve.x, curve.y, label=plain(curve.name), **look)
     if curve.interval is not None:
         axes.fill_between(curve.x, *curve.interval.T, color=look["color"], alpha=0.18, linewidth=0)
@@ -199,7 +169,10 @@ def styled() -> AbstractContextManager[None]:
         from matplotlib import style
     except ImportError as error:
         raise SwingupError("figures need matplotlib, which is missing: pip install swingup[plot]") from error
-    return style.context(["default", STYLE])
+    # A user's matplotlibrc has no effect.
+    sheet = str(resources.files(__package__) / "assets" / "figure.mplstyle")
+    colours = {"axes.edgecolor": BASE, "xtick.color": BASE, "ytick.color": BASE, "grid.color": GUIDE}
+    return style.context(["default", sheet, colours])
 
 
 def new_figure(width: float, height: float) -> "Drawing":

@@ -13,7 +13,7 @@ from ..benchmark.rollout import Trajectory
 from ..common.checks import finite_number, positive_number, whole_number
 from ..common.errors import SwingupError
 from ..common.files import write_atomically
-from ..drawing import BASE, DRIVEN, GREEN, GUIDE, LINK_1, LINK_2, PAPER, draw_frame
+from ..drawing import draw_frame
 from ..plant.plant import LEADERBOARD, PlantLike, load_plant
 from ..plant.robots import Robot, get_robot
 from .inputs import check_suffix
@@ -29,8 +29,6 @@ LONGEST = 600.0
 """A longer film comes from a wrong time or speed (s)."""
 MOST_PIXELS = 300_000_000
 """Most pixels of all frames together: Pillow holds a byte of each while it writes."""
-SHADE_STEP = 14
-"""Step from shade to shade at the edges of shapes, of 255: Pillow confuses colours that are much closer."""
 
 
 def animate(
@@ -62,7 +60,14 @@ def animate(
     fps = finite_number("fps", fps, 1, FASTEST, "frames a second")
     size, speed = whole_number("size (pixels)", size, *SIZES), positive_number("speed", speed)
     duration = max(float(rows.time[-1] - rows.time[0]) for rows, _ in shown) / speed
-    count = _count_frames(duration, fps, size * size * len(shown))
+    if duration > LONGEST:
+        raise SwingupError(f"a film of {duration:g} s is longer than {LONGEST:g} s: raise the speed")
+    count, pixels = max(1, round(duration * fps)), size * size * len(shown)
+    if count * pixels > MOST_PIXELS:
+        raise SwingupError(
+            f"a film of {count} frames of {pixels} pixels is too large "
+            f"(at most {MOST_PIXELS:,} pixels in all): lower size or fps, or raise the speed"
+        )
     found = load_plant(plant)
 
     def frame(k: int) -> np.ndarray:
@@ -70,54 +75,32 @@ def animate(
         for rows, robot in shown:
             # Each row's torque acts from its time on. The small number absorbs the rounding of the division.
             row = np.searchsorted(rows.time, rows.time[0] + k * (speed / fps) + 1e-9, side="right") - 1
-            look: dict[str, Any] = {
-                "size": size,
-                "torque": rows.u[row],
-                "driven": robot.joint,
-                "limit": found.limit(robot.joint),
-            }
-            pictures.append(draw_frame(rows.x[row], found.l1, found.l2, **look))
+            x, u, limit = rows.x[row], rows.u[row], found.limit(robot.joint)
+            pictures.append(draw_frame(x, found.l1, found.l2, size, u, robot.joint, limit))
         return np.concatenate(pictures, axis=1)
 
-    write_atomically(path, _encode((frame(k) for k in range(count)), count, fps, suffix[1:].upper()))
+    # The drawing's colours and mixtures at its edges, the commonest of every 16: Pillow confuses closer ones.
+    whole = draw_frame((0.8, 0.9), found.l1, found.l2, 256, (1.0, -1.0), 0, 1.0)
+    colours, counts = np.unique(whole.reshape(-1, 3), axis=0, return_counts=True)
+    colours = colours[np.argsort(-counts)]
+    palette = colours[np.unique(colours // 16, axis=0, return_index=True)[1][:256]]
+    write_atomically(path, _encode(map(frame, range(count)), palette, count, fps, suffix[1:].upper()))
 
 
-def _count_frames(duration: float, fps: float, pixels: int) -> int:
-    """Number of frames of a film of a given duration (s), at least one; absurd numbers are refused."""
-    if duration > LONGEST:
-        raise SwingupError(f"a film of {duration:g} s is longer than {LONGEST:g} s: raise the speed")
-    count = max(1, round(duration * fps))
-    if count * pixels > MOST_PIXELS:
-        raise SwingupError(
-            f"a film of {count} frames of {pixels} pixels is too large "
-            f"(at most {MOST_PIXELS:,} pixels in all): lower size or fps, or raise the speed"
-        )
-    return count
-
-
-def _encode(frames: Iterator[np.ndarray], count: int, fps: float, form: str) -> bytes:
+def _encode(frames: Iterator[np.ndarray], colours: np.ndarray, count: int, fps: float, form: str) -> bytes:
     """An animation that repeats forever; its delays are whole hundredths of a second whose sum does not drift."""
-    picture = next(frames)  # first: drawing says whether Pillow is missing
     from PIL import Image
 
     palette = Image.new("P", (1, 1))
-    palette.putpalette(film_palette().ravel().tolist())
+    palette.putpalette(colours.ravel().tolist())
 
     def quantised(frame: np.ndarray) -> Any:
         return Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
 
-    first, ends = quantised(picture), [round(100 * k / fps) for k in range(count + 1)]
+    first, *rest = map(quantised, frames)
+    ends = [round(100 * k / fps) for k in range(count + 1)]
     delays = [10 * (end - start) for start, end in itertools.pairwise(ends)]  # in milliseconds
-    file, rest = io.BytesIO(), (quantised(frame) for frame in frames)
+    file = io.BytesIO()
     options = {"lossless": True} if form == "WEBP" else {"optimize": False}
     first.save(file, form, save_all=True, append_images=rest, duration=delays, loop=0, **options)
     return file.getvalue()
-
-
-def film_palette() -> np.ndarray:
-    """The drawing's colours, and their mixtures with the colours behind them at smoothed edges, in RGB."""
-    pairs = [(PAPER, colour) for colour in (GUIDE, BASE, GREEN, DRIVEN, LINK_1, LINK_2)]
-    pairs += [(LINK_1, LINK_2), (LINK_1, DRIVEN), (GUIDE, LINK_1), (GUIDE, LINK_2)]
-    ends = [[np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)], float) for colour in pair] for pair in pairs]
-    mixtures = [np.linspace(a, b, 1 + round(np.abs(b - a).max() / SHADE_STEP)) for a, b in ends]
-    return np.unique(np.concatenate(mixtures).round().astype(np.uint8), axis=0)

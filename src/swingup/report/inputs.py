@@ -15,7 +15,7 @@ from ..common.checks import finite_number, whole_number
 from ..common.errors import SwingupError
 from ..common.files import read_bytes
 from ..common.text import quoted
-from ..learner.metrics import METRICS_FILE, read_metrics
+from ..learner.metrics import METRICS_FILE
 from ..plant.robots import ROBOTS, Robot
 
 CURVE_KEYS = ("reward", "score")
@@ -72,20 +72,18 @@ def driven_robot(name: str | Path, u: ArrayLike) -> Robot:
     return next(robot for robot in ROBOTS.values() if robot.joint == joint)
 
 
-def read_robustness(path: str | Path) -> dict[str, Any]:
+def read_robustness(path: str | Path) -> Any:
     """Read the JSON object of one robustness score.
 
     Raises:
-        SwingupError: the file cannot be read, is not JSON, or holds something else.
+        SwingupError: the file cannot be read, or is not JSON.
     """
     try:
-        result = json.loads(read_bytes(path, LARGEST_RESULT))
+        return json.loads(read_bytes(path, LARGEST_RESULT))
     except OSError as error:
         raise SwingupError(f"cannot read {path}: {error.strerror or error}") from error
     except (ValueError, RecursionError) as error:
         raise SwingupError(f"{path} is not JSON: {ROBUSTNESS_REMEDY}") from error
-    check_robustness(str(path), result)
-    return dict(result)
 
 
 def check_robustness(name: str, result: Any) -> None:
@@ -94,24 +92,11 @@ def check_robustness(name: str, result: Any) -> None:
         raise SwingupError(f"{name} holds no robustness score: {ROBUSTNESS_REMEDY}")
     intervals = result.get("intervals", {})
     for criterion, largest in {**dict.fromkeys(CRITERIA, 100.0), "score": 1.0}.items():
-        interval = intervals.get(criterion) if isinstance(intervals, Mapping) else intervals
-        if interval is not None and (not isinstance(interval, list | tuple) or len(interval) != 2):
-            raise SwingupError(f"{name}: interval of {criterion} = {quoted(interval)} is not a pair")
-        if result.get(criterion) is not None:
-            finite_number(f"{name}: {criterion}", result[criterion], 0.0, largest)
-        for end in interval or ():
-            finite_number(f"{name}: interval of {criterion}", end, 0.0, largest)
-
-
-def read_curve(path: str | Path) -> list[dict[str, Any]]:
-    """Read the rows of a ``metrics.jsonl``.
-
-    Raises:
-        SwingupError: the file cannot be read, or its rows cannot be drawn.
-    """
-    rows = read_metrics(path)
-    check_curve(str(path), rows)
-    return rows
+        ends = intervals.get(criterion) or () if isinstance(intervals, Mapping) else intervals
+        if not isinstance(ends, list | tuple) or len(ends) not in (0, 2):
+            raise SwingupError(f"{name}: interval of {criterion} = {quoted(ends)} is not a pair")
+        for value in (0.0 if result.get(criterion) is None else result[criterion], *ends):
+            finite_number(f"{name}: {criterion}", value, 0.0, largest)
 
 
 def check_curve(name: str, rows: Sequence[Mapping[str, Any]]) -> None:

@@ -1,11 +1,13 @@
-"""Reports about logs: a comparison with plants, and an identification, as tables and figures under headings."""
+"""Reports as tables and figures under headings: a log beside plants, an identification, and an adaptation."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from ..benchmark.columns import COLUMNS
+from ..benchmark.criteria import CAUSES
 from ..benchmark.recording import Rows
 from ..benchmark.result import Result
 from ..benchmark.rollout import Trajectory
@@ -15,14 +17,9 @@ from ..identification.fit.scoring import LENGTH, ErrorRow, prediction_errors
 from ..identification.identify import Identification
 from ..identification.log.recording import Recording
 from ..identification.log.segments import INTERVAL, Segments
-from ..identification.open_loop import (
-    SPEED_HORIZON,
-    OpenLoop,
-    fastest_speeds,
-    predicted_curves,
-    smoothed,
-)
+from ..identification.open_loop import SPEED_HORIZON, OpenLoop, fastest_speeds, predicted_curves, smoothed
 from ..identification.results import WIDEST_INTERVAL
+from ..loop.domain import Domain
 from ..plant.robots import get_robot
 from .compare import ClosedLoop, Comparison
 from .figure import DASHED, DOTS, LINE, THIN, Curve, Figure, Panel
@@ -34,6 +31,8 @@ STATES = ("q1 (rad)", "q2 (rad)", "dq1 (rad/s)", "dq2 (rad/s)")
 TORQUES = ("u1 (N m)", "u2 (N m)")
 ERRORS = ("Angle RMS (rad)", "median", "Velocity RMS (rad/s)", "median")
 QUANTITIES = ("angle", "angle_median", "velocity", "velocity_median")
+COSTS = ("Highest tip (%)", "Largest speed (rad/s)", "Energy (J)", "Torque cost (N² m² s)")
+OUTCOME = ("Run", "Outcome", "Swing-up (s)", *COSTS)
 MOST_LOGS = 3
 """Logs whose held-out windows are drawn."""
 FITTED, START = 0, 1
@@ -86,8 +85,7 @@ def report_comparison(comparison: Comparison) -> LogReport:
     )
     parts = [
         _over_time(comparison),
-        _horizons(comparison.predictions),
-        _speeds(comparison.predictions),
+        *_error_parts(comparison.predictions),
         *(_run(name, run) for name, run in comparison.runs.items()),
     ]
     return LogReport(f"{recording.name} beside {names}", lead, parts, comparison.notes)
@@ -102,21 +100,20 @@ def _motion(name: str, time: np.ndarray, x: np.ndarray, colour: str | int = "ink
     return [Curve(name, time, each, colour, look) for each in x.T]
 
 
-def _log(recording: Recording) -> list[Curve]:
-    return _motion("log", *smoothed(recording, PERIOD))
-
-
-def _predicted(name: str, part: Segments, number: int) -> list[Curve]:
-    """Predictions one after another, with a row of NaN between two of them."""
-    time = np.pad(part.times, ((0, 0), (0, 1)), constant_values=np.nan).ravel()
-    x = np.pad(part.states, ((0, 0), (0, 1), (0, 0)), constant_values=np.nan).reshape(-1, 4)
-    return _motion(name, time, x, number, THIN)
+def _predictions(recording: Recording, predicted: Sequence[tuple[str, Segments]]) -> list[Panel]:
+    """A log, and predictions of it one after another with a row of NaN between two of them."""
+    series = [_motion("log", *smoothed(recording, PERIOD))]
+    for number, (name, part) in enumerate(predicted):
+        time = np.pad(part.times, ((0, 0), (0, 1)), constant_values=np.nan).ravel()
+        x = np.pad(part.states, ((0, 0), (0, 1), (0, 0)), constant_values=np.nan).reshape(-1, 4)
+        series.append(_motion(name, time, x, number, THIN))
+    return _states(series)
 
 
 def _over_time(comparison: Comparison) -> Part:
     recording = comparison.recording
-    pairs = enumerate(zip(comparison.predictions, comparison.drawn, strict=True))
-    panels = _states([_log(recording), *(_predicted(each.name, part, k) for k, (each, part) in pairs)])
+    names = [each.name for each in comparison.predictions]
+    panels = _predictions(recording, list(zip(names, comparison.drawn, strict=True)))
     for joint in np.flatnonzero(recording.driven):
         u = Curve("log", recording.time, recording.u[:, joint], look=THIN, steps=True)
         panels.append(Panel(TIME, TORQUES[joint], [u]))
@@ -131,20 +128,19 @@ def _over_time(comparison: Comparison) -> Part:
     return Part("Predictions over time", note, tables, Figure(panels, shared=True))
 
 
-def _horizons(predictions: Sequence[OpenLoop]) -> Part:
+def _error_parts(predictions: Sequence[OpenLoop]) -> list[Part]:
+    by_horizon = [list(each.horizons.items()) for each in predictions]
+    by_speed = [
+        [(f"{row.slowest:.1f}–{row.fastest:.1f}", row.errors) for row in each.speeds] for each in predictions
+    ]
     note = (
         "Windows start every 0.1 s where a joint is faster than 1 rad/s. RMS is over windows and joints, the "
         "median over windows: it says more where the motion is unstable. Solid: RMS, dashed: median."
     )
-    rows = [[(key, row) for key, row in each.horizons.items()] for each in predictions]
-    return _error_part("Errors by horizon", "After (s)", "horizon (s)", note, predictions, rows)
-
-
-def _speeds(predictions: Sequence[OpenLoop]) -> Part:
+    first = _error_part("Errors by horizon", "After (s)", "horizon (s)", note, predictions, by_horizon)
     note = "Errors after 0.25 s, of four groups of windows from slow to fast. Solid: RMS, dashed: median."
-    rows = [[(f"{row.slowest:.1f}–{row.fastest:.1f}", row.errors) for row in each.speeds] for each in predictions]
     label = "fastest joint (rad/s)"
-    return _error_part("Errors by speed", label.capitalize(), label, note, predictions, rows, named=True)
+    return [first, _error_part("Errors by speed", label.capitalize(), label, note, predictions, by_speed, True)]
 
 
 def _error_part(
@@ -157,9 +153,10 @@ def _error_part(
     named: bool = False,
 ) -> Part:
     """A table of errors, and angles and velocities side by side with a solid and a dashed curve for each plant."""
+    pairs = list(zip(predictions, errors, strict=True))
     rows = [
         [each.name, key, str(row.windows), *(shown(getattr(row, name)) for name in QUANTITIES)]
-        for each, found in zip(predictions, errors, strict=True)
+        for each, found in pairs
         for key, row in found
     ]
     keys = [key for key, _ in errors[0]]
@@ -175,7 +172,7 @@ def _error_part(
                 number,
                 look,
             )
-            for number, (each, found) in enumerate(zip(predictions, errors, strict=True))
+            for number, (each, found) in enumerate(pairs)
             for quantity, look in zip(pair, (LINE, DASHED), strict=True)
         ]
         panels.append(Panel(label, f"{pair[0]} error ({unit})", curves, **axes))
@@ -186,10 +183,6 @@ def _error_part(
 def _run(name: str, found: ClosedLoop) -> Part:
     runs = {"log": found.recorded, f"{name}, simulated": found.simulated}
     robot = get_robot(found.simulated.robot)
-    heads = (
-        "Run", "Outcome", "Swing-up (s)", "Highest tip (%)", "Largest speed (rad/s)", "Energy (J)",
-        "Torque cost (N² m² s)",
-    )  # fmt: skip
     looks: dict[str, Any] = dict(zip(runs, (("ink", LINE), (0, THIN)), strict=True))
     rows = {title: _thinned(run.trajectory) for title, run in runs.items() if run.trajectory is not None}
     panels = _states([_motion(title, each.time, each.x, *looks[title]) for title, each in rows.items()])
@@ -198,7 +191,7 @@ def _run(name: str, found: ClosedLoop) -> Part:
         f"{found.simulated.controller} on the {robot.name}, from hanging at rest, simulated: {found.domain.name}. "
         "Unstable motions differ in timing: compare how high, how fast and how still they are, not their rows."
     )
-    table = Table(heads, [_outcome(title, run) for title, run in runs.items()])
+    table = Table(OUTCOME, [_outcome(title, run) for title, run in runs.items()])
     figure = Figure([*panels, Panel(TIME, TORQUES[robot.joint], torques)], shared=True)
     return Part(f"Closed loop: {name}", note, [table], figure)
 
@@ -234,13 +227,9 @@ def identification_tables(found: Identification) -> list[Part]:
 
 def _parameters(identification: Identification) -> Part:
     found = identification.estimates
+    sure = {name: "yes" if found.determined.get(name) else "no" for name in found.intervals}
     rows = [
-        [
-            name,
-            shown(found.values[name], 4),
-            f"{low:.4g} to {high:.4g}",
-            "yes" if found.determined.get(name) else "no",
-        ]
+        [name, shown(found.values[name], 4), f"{low:.4g} to {high:.4g}", sure[name]]
         for name, (low, high) in found.intervals.items()
     ]
     note = (
@@ -268,15 +257,10 @@ def _windows(found: Identification) -> list[Part]:
     for log in np.unique(found.windows.log)[:MOST_LOGS]:
         recording = found.recordings[log]
         windows = _apart(found.windows.take(np.flatnonzero(found.windows.log == log)))
-        models = (("fitted", found.models, FITTED), (found.start_name, found.start_models, START))
-        drawn = [
-            _predicted(name, predicted_curves(found.setting, each[log], windows), series)
-            for name, each, series in models
-        ]
-        figure = Figure(_states([_log(recording), *drawn]), shared=True)
-        note = (
-            "Predictions over 0.5 s from the smoothed measurement, where the fit saw nothing and the joints move."
-        )
+        models = {"fitted": found.models, found.start_name: found.start_models}
+        drawn = [(name, predicted_curves(found.setting, each[log], windows)) for name, each in models.items()]
+        note = "Predictions over 0.5 s from the smoothed measurement, where the fit saw nothing and joints move."
+        figure = Figure(_predictions(recording, drawn), shared=True)
         parts.append(Part(f"Held-out windows: {recording.name}", note, (), figure))
     return parts
 
@@ -293,16 +277,12 @@ def _apart(windows: Segments) -> Segments:
 def _residuals(found: Identification) -> Part:
     windows, output = found.windows, round(SPEED_HORIZON / INTERVAL) - 1
     speeds = fastest_speeds(windows, output + 1)
-    errors = {
-        (found.start_name, START): prediction_errors(found.setting, found.start_models, windows)[:, output],
-        ("fitted", FITTED): prediction_errors(found.setting, found.models, windows)[:, output],
-    }
-    panels = [
-        Panel("fastest joint in the window (rad/s)", f"error of {label}", [
-            Curve(name, speeds, rows[:, place], colour, DOTS) for (name, colour), rows in errors.items()
-        ])
-        for place, label in enumerate(STATES)
-    ]  # fmt: skip
+    series = []
+    for name, colour, models in ((found.start_name, START, found.start_models), ("fitted", FITTED, found.models)):
+        errors = prediction_errors(found.setting, models, windows)[:, output]
+        series.append([Curve(name, speeds, each, colour, DOTS) for each in errors.T])
+    label = "fastest joint in the window (rad/s)"
+    panels = [replace(panel, x=label, y=f"error of {panel.y}") for panel in _states(series)]
     note = "Predicted minus measured after 0.25 s, one dot a held-out window. A trend shows what the model lacks."
     return Part("Residuals", note, (), Figure(panels, columns=2) if len(windows) else None)
 
@@ -324,3 +304,33 @@ def _friction(found: Identification) -> Part:
         ]))  # fmt: skip
     note = "b dq + cf arctan(s dq). The band has both coefficients at the same ends of their 95 % intervals."
     return Part("Friction", note, (), Figure(panels, columns=2))
+
+
+def report_adaptation(domain: Domain, result: Result) -> LogReport:
+    """Lay an adaptation to a domain out, with its result on the board ``sim2real``, on other draws."""
+    low, high = result.success_interval
+    lead = (
+        f"A policy for the {result.robot} that finds its plant, trained on draws of {domain.name}. On "
+        f"{len(result.runs)} other draws it swings up and stays {result.successes} times "
+        f"({low:.0%} to {high:.0%}, 95 % interval)."
+    )
+    ranges = [[name, shown(a, 4), shown(b, 4)] for name, a, b in domain.ranges]
+    drawn = Part("Domain", "SI units; each draw takes each number evenly.", [Table(("Name", "From", "To"), ranges)])
+    return LogReport(f"Adapted {result.robot}", lead, [_judged(result), drawn])
+
+
+def _judged(result: Result) -> Part:
+    values = [[COLUMNS[name].title, COLUMNS[name].show(value)] for name, value in result.values.items()]
+    failed = [(run.case.settings.get("seed"), run.tip) for run in result.runs if not run.success]
+    causes = [
+        [cause, ", ".join(str(seed) for seed, tip in failed if tip is not None and tip.cause == cause) or "–"]
+        for cause in CAUSES
+    ]
+    figure, rows = None, result.trajectory
+    if rows is not None:
+        time, x, u = map(np.asarray, (rows.time, rows.x, rows.u))
+        motion = zip((*STATES, *TORQUES), (*x.T, *u.T), strict=True)
+        panels = [Panel(TIME, label, [Curve("first draw", time, values)]) for label, values in motion]
+        figure = Figure(panels, shared=True)
+    tables = [Table(("Board sim2real", "Value"), values), Table(("Failed", "Seeds"), causes)]
+    return Part("Draws that training did not see", "The first one is drawn.", tables, figure)

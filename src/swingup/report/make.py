@@ -1,6 +1,6 @@
 """What the page of a robot shows, computed: its boards and the swing-ups of each controller."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -45,12 +45,10 @@ class Show:
     """One controller's recorded swing-ups."""
 
     name: str
-    clean: Trajectory | None
-    """Without a disturbance; None if the controller failed."""
-    disturbed: Trajectory | None
-    """With the section's disturbance; None if the controller failed."""
+    runs: Mapping[str, Trajectory]
+    """``undisturbed``, and ``disturbed`` as the section says: those in which the controller did not fail."""
     note: str | None = None
-    """Why a trajectory is missing, or another remark."""
+    """Why a run is missing, or another remark."""
 
 
 @dataclass(frozen=True)
@@ -89,8 +87,7 @@ def make_section(
         progress: called with the name of a stage, the number of its finished parts, and of all; a robot takes
             minutes. A stage is a row of a board or a controller's swing-ups; its name begins with the robot's.
         entrants: names of the built-in controllers whose swing-ups are shown; the boards have their own.
-        plant: what the page shows, and the baselines are designed for: a plant, its name or its
-            file.
+        plant: what the page shows, and the baselines are designed for: a plant, its name or its file.
         boards: the boards of the tables.
         recompute: also compute the rows that the package ships because they take minutes.
 
@@ -108,10 +105,7 @@ def make_section(
     # The shipped policy that sees its plant, told the page's, without what a page cannot run.
     alone: dict[str, Any] = dict.fromkeys(PARTS)
     live = replace(load_policy(DEFAULT, robot), plant=policy_plant(found, robot), **alone)
-    shows = _make_shows(shown, robot, seed, found, tell)
-    tell("finished", len(shows), len(shown))
-    told = describe_disturbance(seed, found)
-    return Section(robot.name, found.driven(robot), tables, shows, told, live, LIVE_NOTE)
+    return _with_shows(robot, found, tables, shown, seed, tell, live, LIVE_NOTE)
 
 
 def trained_section(
@@ -126,35 +120,41 @@ def trained_section(
     # Not as the boards' own entrants, which enter a second time without their estimators.
     (table,) = leaderboard(robot, {name: policy, **shipped}, ("performance",), entrants=(), progress=progress)
     rows = tuple(row for row in table.rows if row.source == OURS or (row.controller, row.source) in PUBLISHED)
-    shows = _make_shows({**policies, **shipped}, robot, 0, LEADERBOARD, progress)
-    tables, told = [replace(table, rows=rows)], describe_disturbance(0)
-    return Section(robot.name, LEADERBOARD.driven(robot), tables, shows, told, policy_of(policy))
+    tables, shown = [replace(table, rows=rows)], {**policies, **shipped}
+    return _with_shows(robot, LEADERBOARD, tables, shown, 0, progress, policy_of(policy))
 
 
-def _make_shows(
-    controllers: Mapping[str, Any], robot: Robot, seed: int, plant: Plant, tell: Callable[[str, int, int], None]
-) -> list[Show]:
+def _with_shows(
+    robot: Robot,
+    plant: Plant,
+    tables: Sequence[Table],
+    controllers: Mapping[str, Any],
+    seed: int,
+    tell: RowProgress,
+    policy: PendulumPolicy,
+    note: str | None = None,
+) -> Section:
     shows: list[Show] = []
     for name, controller in controllers.items():
         tell(f"swing-ups of {name}", len(shows), len(controllers))
         shows.append(make_show(name, controller, robot, seed, plant))
-    return shows
+    tell("finished", len(shows), len(controllers))
+    return Section(robot.name, plant.driven(robot), tables, shows, describe_disturbance(seed, plant), policy, note)
 
 
 def make_show(name: str, controller: Any, robot: Robot, seed: int, plant: Plant = LEADERBOARD) -> Show:
     """Simulate one controller without and with a disturbance; a failed run becomes a note."""
-    runs: dict[str, Trajectory | None] = {}
+    runs: dict[str, Trajectory] = {}
     notes: dict[str, None] = {}
-    for run, disturbance in (("clean", None), ("disturbed", disturb(plant))):
+    for run, disturbance in (("undisturbed", None), ("disturbed", disturb(plant))):
         try:
-            result = judge(controller, robot, seed=seed, name=name, disturbance=disturbance, plant=plant)
-            assert result.trajectory is not None
-            time, x, u = result.trajectory.time, result.trajectory.x, result.trajectory.u
-            runs[run] = Trajectory(time[::THINNING], x[::THINNING], u[::THINNING])
+            found = judge(controller, robot, seed=seed, name=name, disturbance=disturbance, plant=plant).trajectory
         except SwingupError as error:
-            runs[run] = None
             notes[str(error)] = None
-    return Show(name, **runs, note="; ".join(notes) or None)
+        else:
+            assert found is not None
+            runs[run] = Trajectory(found.time[::THINNING], found.x[::THINNING], found.u[::THINNING])
+    return Show(name, runs, "; ".join(notes) or None)
 
 
 def describe_disturbance(seed: int, plant: Plant = LEADERBOARD) -> str:

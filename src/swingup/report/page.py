@@ -8,23 +8,27 @@ printable line each, and escapes them.
 import json
 from collections.abc import Mapping, Sequence
 from importlib import resources
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..benchmark.columns import COLUMNS
 from ..benchmark.leaderboard import OURS
-from ..benchmark.recording import Rows, checked_rows
+from ..benchmark.recording import LEAST, Rows, checked_rows
 from ..benchmark.rules import CRITERIA
 from ..common.errors import SwingupError
+from ..common.files import write_atomically
 from ..common.text import one_line
 from ..common.version import __version__
 from ..export.javascript_backend.page import policy_data, policy_script
 from ..loop.loop import LOOP_DT
 from ..plant.plant import LEADERBOARD, NAMES
 from ..plant.robots import get_robot
+from .draw import FIGURE_FORMATS, draw, render
 from .figure import Figure, PageData
 from .figures import LINKS, motion_panels, phase_figure, robustness_figure
+from .inputs import check_suffix
 from .log_report import LogReport
 from .make import Section, Show
 
@@ -41,6 +45,8 @@ NOTES = {
     "robustness": "Percentage of simulations that end upright; the overall score is the mean of the six.",
     "uptime": "Share of 60 s with the tip above the line, while the pendulum is thrown 15 times.",
 }
+
+PAGE_FORMATS = (".html", *FIGURE_FORMATS)
 
 MOST_SERIES = 8
 """Most controllers in the robustness plot: ours first, then the best published ones."""
@@ -66,6 +72,21 @@ def render_log_page(report: LogReport) -> str:
     data = PageData()
     figures = [None if part.figure is None else data.encode(part.figure) for part in report.parts]
     return _render(data, {"figures": figures}, **vars(report))
+
+
+def save_log_report(report: LogReport, out: str | Path) -> None:
+    """Write a report about logs as a page, or its figures as a picture, by the file's suffix; whole or not at all.
+
+    Raises:
+        SwingupError: an unknown suffix, nothing to draw, a missing library, or a file that cannot be written.
+    """
+    suffix = check_suffix(out, PAGE_FORMATS)
+    if suffix == ".html":
+        content = render_log_page(report).encode()
+    else:
+        figures = {part.title: part.figure for part in report.parts if part.figure is not None}
+        content = render(draw(figures, report.title), suffix)
+    write_atomically(out, content)
 
 
 def _render(data: PageData, shown: dict[str, Any], **texts: Any) -> str:
@@ -127,15 +148,12 @@ def _encode(section: Section, data: PageData) -> dict[str, Any]:
 def _drawable(show: Show) -> dict[str, Rows]:
     """The runs of a show, each up to its first row that is not finite in single precision, if it has three rows."""
     runs = {}
-    for run, given in (("undisturbed", show.clean), ("disturbed", show.disturbed)):
-        if given is None:
-            continue
-        parts = [np.asarray(part, np.float64) for part in (given.time, given.x, given.u)]
+    for run, given in show.runs.items():
         with np.errstate(over="ignore"):
-            broken = [np.argwhere(~np.isfinite(part.astype(np.float32))) for part in parts]
-        rows = min(int(bad[0, 0]) if len(bad) else len(part) for bad, part in zip(broken, parts, strict=True))
-        if rows >= 3 or len({len(part) for part in parts}) > 1:
-            cut = Rows(*(part[:rows] for part in parts))
+            finite = [np.isfinite(np.asarray(part, np.float32)) for part in (given.time, given.x, given.u)]
+        kept = np.logical_and.accumulate(finite[0] & finite[1].all(axis=1) & finite[2].all(axis=1))
+        if kept.sum() >= LEAST:
+            cut = Rows(*(np.asarray(part)[kept] for part in (given.time, given.x, given.u)))
             runs[run] = checked_rows(cut, f"trajectory of {one_line(show.name)}")
     return runs
 
@@ -147,11 +165,7 @@ def _encode_show(
     runs, robot = playable[name], get_robot(section.robot)
     others = [each["undisturbed"] for key, each in playable.items() if key != name and "undisturbed" in each]
     rows = {
-        run: {
-            "time": data.array(each.time),
-            "x": [data.array(x) for x in each.x.T],
-            "u": [data.array(u) for u in each.u.T],
-        }
+        run: {"time": data.array(each.time), "x": data.encode(list(each.x.T)), "u": data.encode(list(each.u.T))}
         for run, each in runs.items()
     }
     series = Figure(motion_panels(runs, robot, section.plant, others=others), shared=True)
@@ -172,10 +186,9 @@ def _series(boards: Sequence["Table"]) -> list["Row"]:
     """Rows of the robustness plot, in the board's order; one row for each published controller."""
     rows = [row for board in boards if board.board == "robustness" for row in board.rows]
     measured = [row for row in rows if any(row.values[name] is not None for name in CRITERIA)]
-    ours = [row for row in measured if row.source == OURS][:MOST_SERIES]
-    published = {row.controller: row for row in reversed(measured) if row.source != OURS}
-    best = [row for row in measured if row is published.get(row.controller)][: MOST_SERIES - len(ours)]
-    return [row for row in measured if any(row is chosen for chosen in (*ours, *best))]
+    best = {(row.controller, row.source == OURS): row for row in reversed(measured)}
+    first = sorted(best.values(), key=lambda row: (row.source != OURS, measured.index(row)))[:MOST_SERIES]
+    return [row for row in measured if row in first]
 
 
 def _asset(name: str) -> str:
