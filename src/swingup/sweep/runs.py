@@ -63,7 +63,7 @@ def plan_jobs(
     count = math.prod(map(len, grid.values())) * len(seeds)
     if count > MOST_RUNS:
         raise SwingupError(f"this sweep has {count:,} runs: choose at most {MOST_RUNS:,}")
-    length = longest(grid.get("preset", [base.preset])) if frames is None else whole_number("frames", frames, 1)
+    length = run_length(frames, grid.get("preset", [base.preset]))
     jobs: list[Job] = []
     for values in itertools.product(*grid.values()):
         chosen = dict(zip(grid, values, strict=True))
@@ -90,9 +90,9 @@ def plan_variant(
     return [Job(describe(chosen), run, folder.absolute() / f"seed-{run.seed}", frames) for run in runs]
 
 
-def longest(presets: Sequence[str]) -> int:
-    """The longest of the presets' lengths: a table of runs of different lengths would compare lengths."""
-    return max(get_preset(name).frames for name in presets)
+def run_length(frames: int | None, presets: Sequence[str]) -> int:
+    """Frames of each run; None for the longest of the presets': runs of different lengths do not compare."""
+    return max(get_preset(name).frames for name in presets) if frames is None else whole_number("frames", frames, 1)
 
 
 def describe(chosen: Mapping[str, Any], separator: str = " ") -> str:

@@ -5,6 +5,7 @@ interrupted goes on: trials that have ended are not repeated, the others resume 
 """
 
 import contextlib
+import itertools
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from dataclasses import dataclass
@@ -21,17 +22,7 @@ from ..common.errors import SwingupError
 from ..common.text import one_line, quoted
 from ..learner.run_folder import RunFolder
 from ..learner.run_settings import RunSettings, make_run_settings
-from .runs import (
-    MOST_RUNS,
-    Job,
-    Row,
-    describe,
-    describe_error,
-    longest,
-    parse_alternatives,
-    plan_variant,
-    train_one,
-)
+from .runs import MOST_RUNS, Row, describe, describe_error, parse_alternatives, plan_variant, run_length, train_one
 from .workers import workers_for
 
 if TYPE_CHECKING:
@@ -39,6 +30,8 @@ if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
     from optuna.trial import FrozenTrial
 
+STORAGE = "study.db"
+"""Optuna's SQLite file."""
 RUNGS = 10
 """Intermediate scores of a run: one a tenth."""
 UNPRUNED_TRIALS, UNPRUNED_RUNGS = 5, 2
@@ -53,19 +46,6 @@ class SearchPlan:
     out: Path
     frames: int
     seeds: range
-
-    @property
-    def storage(self) -> str:
-        """Optuna's SQLite file."""
-        return str(self.out / "study.db")
-
-    def jobs(self, params: Mapping[str, Any], trial: int) -> list[Job]:
-        """The runs of a trial, from its parameters, in which alternatives are text."""
-        chosen = {
-            name: parse_value(name, value) if isinstance(value, str) and name != "preset" else value
-            for name, value in params.items()
-        }
-        return plan_variant(self.base, chosen, self.seeds, self.out / f"trial-{trial}", self.frames)
 
 
 def search(
@@ -116,21 +96,18 @@ def search(
         raise SwingupError(f"env = {quoted(env)}, space = {quoted(space)}: name a Gymnasium id, and what varies")
     distributions = {name: _distribution(name, text) for name, text in space.items()}
     base = make_run_settings(env, **settings)
-    length = (
-        longest(space.get("preset", base.preset).split(","))
-        if frames is None
-        else whole_number("frames", frames, 1)
-    )
+    length = run_length(frames, space.get("preset", base.preset).split(","))
     seeds, trials = whole_number("seeds", seeds, 1, MOST_RUNS), whole_number("trials", trials, 1, MOST_RUNS)
     first = whole_number("seed", seed, 0, 2**32 - seeds)
     plan = SearchPlan(base, Path(out).absolute(), length, range(first, first + seeds))
     given = None if executor is None else contextlib.nullcontext((executor, workers or 1))
     with given or workers_for(None, workers) as (pool, count), RunFolder(plan.out).exclusive():
         study = _open_study(plan, space, pruning)
-        _write_best(plan, study)  # a kill may have come between a trial's end and the file
-        for trial in _run_trials(plan, study, distributions, trials, pool, count):
-            _write_best(plan, study)
-            if progress is not None:
+        # None first: a kill may have come between a trial's end and the file.
+        for trial in itertools.chain([None], _run_trials(plan, study, distributions, trials, pool, count)):
+            if (best := best_trial(study)) is not None:
+                write_json(plan.out / "best.json", {"trial": best.number, "score": best.value, **best.user_attrs})
+            if progress is not None and trial is not None:
                 progress(trial)
     return study
 
@@ -172,7 +149,10 @@ def train_trial(plan: SearchPlan, trial: "Trial") -> float:
             if trial.should_prune():
                 raise TrialPruned
 
-    jobs = plan.jobs(trial.params, trial.number)
+    # Optuna stores alternatives as text.
+    texts = {name for name, value in trial.params.items() if isinstance(value, str) and name != "preset"}
+    params = trial.params | {name: parse_value(name, trial.params[name]) for name in texts}
+    jobs = plan_variant(plan.base, params, plan.seeds, plan.out / f"trial-{trial.number}", plan.frames)
     settings = jobs[0].settings
     chosen = {name: getattr(settings.config, name) for name in trial.params if name != "preset"}
     trial.set_user_attr("folder", str(jobs[0].folder.parent))
@@ -224,11 +204,6 @@ def _run_trials(
                 yield study.trials[trial.number]
 
 
-def _write_best(plan: SearchPlan, study: "Study") -> None:
-    if (best := best_trial(study)) is not None:
-        write_json(plan.out / "best.json", {"trial": best.number, "score": best.value, **best.user_attrs})
-
-
 def _distribution(name: str, text: str) -> "BaseDistribution":
     """Optuna's form of a range, or of alternatives, which it stores as text."""
     try:
@@ -267,7 +242,7 @@ def _open_study(plan: SearchPlan, space: Mapping[str, str], pruning: bool) -> "S
         # Workers report to the same file: SQLite lets them wait for one another. Each connection is closed after
         # its use, since nobody closes those of a pool.
         storage = RDBStorage(
-            f"sqlite:///{plan.storage}", {"connect_args": {"timeout": 60}, "poolclass": pool.NullPool}
+            f"sqlite:///{plan.out / STORAGE}", {"connect_args": {"timeout": 60}, "poolclass": pool.NullPool}
         )
         study = create_study(
             storage=storage, study_name="search", direction="maximize", load_if_exists=True, pruner=pruner
@@ -290,4 +265,6 @@ def _storage_errors(plan: SearchPlan) -> Iterator[None]:
         raise
     except Exception as error:
         reason = one_line(error, 80)
-        raise SwingupError(f"cannot read {plan.storage} ({reason}): restore it, or choose another --out") from error
+        raise SwingupError(
+            f"cannot read {plan.out / STORAGE} ({reason}): restore it, or choose another --out"
+        ) from error
