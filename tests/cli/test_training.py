@@ -9,7 +9,6 @@ import sys
 import threading
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,14 +16,9 @@ from safetensors.numpy import load_file
 
 from policies import lone_policy
 from swingup.benchmark.boards import BOARDS
-from swingup.benchmark.leaderboard import OURS, Row, Table, published_rows
-from swingup.cli import demonstrating, main, refining
-from swingup.cli.commands import COMMANDS
-from swingup.cli.demonstrating import Watch
-from swingup.cli.parsing import parse
+from swingup.cli import main, refining
 from swingup.common.settings import read_settings
 from swingup.learner.metrics import read_metrics
-from swingup.learner.progress import TrainingReport
 from swingup.plant.robots import ROBOTS
 from swingup.policy.estimator.settings import EstimatorSettings
 from swingup.policy.shipped import DEFAULT, load_policy
@@ -40,10 +34,6 @@ TINY = (
     "--evaluate-every 128 --checkpoint-every 256"
 )
 ENDLESS = f"train pendubot --frames 100000000 --out r {TINY}"
-
-
-def report(frames=65_536, best=0.75, **row):
-    return TrainingReport(frames, 20_000.0, [{"reward": -0.25, "score": 0.5, **row}], best)
 
 
 def test_train_resume_and_evaluate(run, capsys):
@@ -102,84 +92,6 @@ def _check_stopped(error):
     frames = read_metrics("r/metrics.jsonl")[-1]["frames"]
     assert f"{frames:012d}.safetensors" in os.listdir("r/checkpoints")
     assert os.path.exists("r/last.safetensors")
-
-
-class SavingRun:
-    """A run whose policies are words."""
-
-    def __init__(self, folder):
-        self.folder, self.frames, self.saved = folder, 0, []
-
-    def policy(self, index):
-        return f"policy {index} after {self.frames} frames"
-
-    def save_policy(self, path, index, policy, result):
-        path.write_text(policy)
-        self.saved.append((path.name, result))
-
-
-def board(robot, mine, remark=None):
-    """The published rows and one of ours, best first."""
-    ours = Row("your policy", OURS, {**published_rows(robot, "performance")[0].values, "score": mine}, remark)
-    rows = sorted([ours, *published_rows(robot, "performance")], key=lambda row: -row.values["score"])
-    return Table(robot.name, "performance", BOARDS["performance"].columns, None, tuple(rows))
-
-
-def test_the_watch_notes_when_the_papers_score_was_passed(tmp_path, monkeypatch):
-    clock = iter([74.4, 99.0])
-    monkeypatch.setattr(demonstrating, "time", SimpleNamespace(monotonic=lambda: next(clock)))
-    run = SavingRun(tmp_path)
-    watch = Watch(run, paper=0.633, start=10.0)
-    notes = []
-    for run.frames, best in ((65_536, 0.0), (131_072, 0.632), (196_608, 0.633), (262_144, 0.64)):
-        notes.append(watch.note(report(run.frames, best)))
-    assert notes == ["paper's 0.633"] * 2 + ["paper's 0.633 at 64 s"] * 2
-    # The first policy alone.
-    assert run.saved == [("first.safetensors", {"score": 0.5, "frames": 65_536})]
-    assert (tmp_path / "first.safetensors").read_text() == "policy 0 after 65536 frames"
-
-
-@pytest.fixture
-def pretended(monkeypatch):
-    """The demo with a training and a page that take no time; the training's options are kept."""
-    given = []
-
-    def start(env, frames, out, **options):
-        given.append((env, frames, out, options))
-        Path(out).mkdir(parents=True)
-        return SavingRun(Path(out))
-
-    monkeypatch.setattr(sys, "argv", ["swingup.py"])
-    monkeypatch.setattr(demonstrating, "page_template", lambda: None)
-    monkeypatch.setattr(demonstrating, "start_training", start)
-    monkeypatch.setattr(demonstrating, "train_shown", lambda run, note: note(report(65_536, 0.64)) and 0)
-    monkeypatch.setattr(demonstrating, "load_policy", lambda path, robot: path.name)
-    monkeypatch.setattr(demonstrating, "policy_alone", lambda policy: policy)
-    monkeypatch.setattr(demonstrating, "trained_section", lambda *_: SimpleNamespace(tables=[board(ACROBOT, 0.64)]))
-    monkeypatch.setattr(demonstrating, "render_page", lambda sections, title: title)
-    return given
-
-
-def test_the_demo_ends_with_three_commands(pretended, run):
-    lines = run("demo --seed 3").splitlines()
-    assert pretended == [("acrobot", None, "runs/demo-acrobot", {"preset": "fast", "seed": 3})]
-    typed = [shlex.split(line)[3:] for line in lines if " -m swingup " in line]
-    assert [words[0] for words in typed] == ["evaluate", "demo", "leaderboard"]
-    for words in typed:
-        parse(COMMANDS, words, "")
-    # A command may be longer: a terminal wraps it, and it is still copied whole.
-    assert any(line.startswith("Training passed the paper's score after ") for line in lines)
-    assert Path("runs/demo-acrobot/page.html").read_text().startswith("Acrobot: ")
-    run("demo")
-    assert pretended[-1][2] == "runs/demo-acrobot-2"  # the first run stays
-
-
-def test_a_demo_below_the_paper_or_interrupted(pretended, monkeypatch, run):
-    monkeypatch.setattr(demonstrating, "train_shown", lambda run, note: note(report(65_536, 0.6)) and 0)
-    assert "The best score stayed below the paper's: try more --frames" in run("demo")
-    monkeypatch.setattr(demonstrating, "train_shown", lambda run, note: 130)
-    assert "Next" not in run("demo --out mine", status=130)
-    assert not Path("mine/page.html").exists()
 
 
 @pytest.mark.slow

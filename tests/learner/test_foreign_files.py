@@ -1,6 +1,5 @@
 """Files of a run that are damaged, of something else or of absurd content: one line, or the run goes on."""
 
-import json
 import shutil
 
 import numpy as np
@@ -10,13 +9,10 @@ from safetensors.numpy import load_file, save_file
 from array_files import change_file, read_metadata, write_file
 from swingup import AREAPO
 from swingup.common.errors import SwingupError
-from swingup.learner.metrics import read_metrics
 from swingup.learner.start import resume_run
 
 from .brief import briefly_judged
 from .test_run import FRAMES, run
-
-NESTED = "[" * 100_000 + "]" * 100_000
 
 
 @pytest.fixture(scope="module")
@@ -37,40 +33,6 @@ def refused(call, *arguments, match=None):
         call(*arguments)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 600
-
-
-CONFIGS = [
-    {"robot": ["acrobot"]}, {"preset": None}, {"seed": 1e400}, {"seeds": 10**400}, {"frames": [1]},
-    {"evaluate_every": True}, {"config": []}, {"config": {"num_envs": 1e300}},
-    {"config": {"policy_layers": [[8]]}}, {"config": {"learning_rate": float("nan")}}, {"env": 7, "robot": None},
-    {"unknown\nname": 1},
-]  # fmt: skip
-TEXTS = [NESTED, "\x00", "9" * 5000, "null", "", '{"version": "0", "frames": 1}']
-LINES = ["3", NESTED, '{"seed": "0", "frames": 64}', '{"seed": 0, "frames": 64, "score": {"a": 1}}']
-METADATA = [{"settings": []}, {"iterations": 1e400}, {"seconds": "long"}, {"best": [[True, "high"]]}, {"best": {}}]
-"""A few of each kind: ``tests/fuzz`` draws thousands."""
-
-
-def test_configs_rows_and_checkpoints_of_wrong_types(folder):
-    config, metrics = folder / "config.json", folder / "metrics.jsonl"
-    content, good, rows = json.loads(config.read_text()), metrics.read_text(), read_metrics(metrics)
-    for line in LINES:
-        metrics.write_text(good + line)  # as the last line it is what a crash left
-        assert read_metrics(metrics) == rows
-        metrics.write_text(line + "\n" + good)
-        refused(read_metrics, metrics, match="line 1 is not a row of metrics")
-    refused(lambda: list(resume_run(folder, 4 * FRAMES).advance()), match="line 1 is not a row")
-    metrics.write_text(good)
-    for text in (*(json.dumps(content | change) for change in CONFIGS), *TEXTS):
-        config.write_text(text)
-        refused(resume_run, folder)
-    config.write_text(json.dumps(content))
-    path = folder / "checkpoints" / "000000000128.safetensors"
-    metadata, arrays = read_metadata(path), load_file(path)
-    for change in METADATA:
-        write_file(path, metadata | change, arrays)
-        refused(resume_run, folder, match="checkpoint")
-        refused(AREAPO.load, path)
 
 
 @pytest.mark.parametrize("part", ["actor", "optimiser", "statistics", "gains"])

@@ -18,7 +18,7 @@ from swingup.plant.robots import ROBOTS
 from swingup.report.page import render_page
 from swingup.runtime import load_controller
 
-from .pages import EVIL, NASTY, make_evil_section
+from .pages import EVIL, make_evil_section
 
 DT = 0.002
 step = jax.jit(rk4_step)
@@ -90,7 +90,7 @@ def test_tables_and_plots_are_rendered(page, sections):
 
 
 def test_curves_are_the_runs_and_follow_the_pointer(page, sections):
-    rows, series = sections[0].shows[0].clean, "swingup.players[0].figures.series"
+    rows, series = sections[0].shows[0].runs["undisturbed"], "swingup.players[0].figures.series"
     drawn = np.array(
         page.evaluate(
             """(series) => {
@@ -156,7 +156,7 @@ def test_the_slider_scrubs(page, sections):
     slider = root.locator("input[type=range]")
     for row in (0, 137, 820):
         slider.fill(f"{row / 100:.2f}")
-        for run, rows in (("undisturbed", show.clean), ("disturbed", show.disturbed)):
+        for run, rows in show.runs.items():
             state = page.evaluate("(run) => swingup.players[0].state(run)", run)
             # Times are rounded to single precision as well: up to 5e-7 s of a motion at some 20 rad/s.
             np.testing.assert_allclose(state["x"], rows.x[row], rtol=0, atol=2e-5)
@@ -168,21 +168,9 @@ def test_the_slider_scrubs(page, sections):
     slider.press("ArrowRight")
     assert page.evaluate("swingup.players[0].time") == pytest.approx(8.21)
     page.evaluate("swingup.players[0].seek(0.505)")  # between rows
-    state, rows = page.evaluate("swingup.players[0].state('undisturbed')"), show.clean
+    state, rows = page.evaluate("swingup.players[0].state('undisturbed')"), show.runs["undisturbed"]
     np.testing.assert_allclose(state["x"], (rows.x[50] + rows.x[51]) / 2, rtol=1e-5)
     np.testing.assert_allclose(state["u"], rows.u[50], rtol=1e-6)  # held
-
-
-def test_choices_change_the_plots(page):
-    page.locator("#acrobot .choice span", has_text=NASTY).click()
-    assert NASTY in page.locator("#acrobot [data-run=undisturbed] canvas").get_attribute("aria-label")
-    assert page.evaluate("swingup.players[0].state('undisturbed').x") == [0, 0, 0, 0]  # it hangs
-    bars = page.locator("#acrobot g[data-name='ar-eapo']")
-    assert bars.count() == 1
-    legend = page.locator("#acrobot [data-plot=robustness] label:text-is('ar-eapo') input")
-    legend.uncheck()
-    assert bars.count() == 0
-    legend.check()
 
 
 def test_the_live_pendulum_swings_up_and_recovers_from_a_pull(page, either_robot):
@@ -228,26 +216,6 @@ def test_a_force_is_a_joint_torque_by_the_jacobian(page):
     }""")
     for of_force, of_torque in power:
         assert of_force == pytest.approx(of_torque, rel=1e-12)
-
-
-def test_live_buttons(page):
-    root, live = page.locator("#pendubot .live"), "swingup.live.pendubot"
-    assert page.evaluate(f"[{live}.time, {live}.policyOn]") == [0, False]  # it hangs until it is asked
-    page.evaluate(f"{live}.advance(1)")
-    assert page.evaluate(f"{live}.x") == [0, 0, 0, 0]
-    for name in ("Motor off", "Swing up"):
-        root.locator("[data-do=policy]").click()
-        assert root.locator("[data-do=policy]").inner_text() == name
-    root.locator("[data-do=reset]").click()
-    root.locator("[data-do=right]").press("Enter")
-    page.evaluate(f"{live}.advance(0.2)")
-    assert page.evaluate(f"{live}.x")[0] > 0.005
-    root.locator("[data-do=pause]").click()
-    stopped = page.evaluate(f"{live}.time")
-    page.wait_for_timeout(100)
-    assert page.evaluate(f"{live}.time") == stopped
-    root.locator("[data-do=reset]").click()
-    assert page.evaluate(f"[{live}.time, ...{live}.x]") == [0, 0, 0, 0, 0]
 
 
 def is_upright(x):
@@ -345,14 +313,3 @@ def test_an_arrow_key_pushes_the_tip(page):
     assert page.evaluate(f"{live}.pushes.length") == 0
     page.locator("#acrobot input[type=range]").press("ArrowRight")  # outside of the pendulum it means what it meant
     assert page.evaluate(f"{live}.pushes.length") == 0
-
-
-def test_narrow_and_dark(page):
-    light = picture(page, "#acrobot .live canvas")
-    page.emulate_media(color_scheme="dark")
-    wait_until(lambda: picture(page, "#acrobot .live canvas") != light)
-    page.set_viewport_size({"width": 360, "height": 740})
-    page.wait_for_timeout(100)
-    assert page.evaluate("document.documentElement.scrollWidth") <= 360
-    page.emulate_media(color_scheme="light")
-    page.set_viewport_size({"width": 1280, "height": 900})
