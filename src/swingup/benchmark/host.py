@@ -76,7 +76,7 @@ def simulate_on_host(
         if loop.times is not None:
             time[:, step] = loop.times.now
         measured, command = np.asarray(state, np.float64), np.zeros((number, 2))
-        # No call during a throw, nor on a state that has diverged: that is no fault of the controller.
+        # No call during a throw, nor on a state that has diverged: that is not the fault of the controller.
         able = np.asarray(called) & np.isfinite(measured).all(axis=1)
         for index, call in enumerate(calls):
             if faults[index] is None and able[index]:

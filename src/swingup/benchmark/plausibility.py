@@ -38,7 +38,7 @@ HANGING = (0.2, 1.0)
 """A start within this of hanging at rest hangs (rad, and rad/s on C.1); recordings have 0.001 rad and 0.1 rad/s."""
 
 LONGEST_PERIOD = 10.0
-"""A period longer than this many median periods is no jitter; recordings have up to 5."""
+"""A period longer than this many median periods is not jitter; recordings have up to 5."""
 
 GAP = 0.1
 """In a longer period (s) a swing-up goes unseen; recordings have up to 0.04 s."""

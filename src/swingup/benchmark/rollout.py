@@ -229,7 +229,7 @@ def simulate(
         else:
             # The compiled loop computes the call during a throw, too. The memory must not advance then.
             memory = jax.tree.map(lambda new, old: jnp.where(called, new, old), after_call, memory)
-        # A state that has diverged is no fault of the controller: only finite measurements count.
+        # A state that has diverged is not the controller's fault: only finite measurements count.
         failed = called & jnp.isfinite(measured).all() & ~jnp.isfinite(command).all()
         fault = jnp.where((fault < 0) & failed, index, fault)
         after = apply_torque(scenario, loop, index, command, dt)

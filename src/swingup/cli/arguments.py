@@ -115,7 +115,7 @@ PLANT_FORMATS = (*PARAMETER_FILES, *MODEL_FILES)
 
 
 def check_outputs(formats: Sequence[str], *paths: str | None) -> None:
-    """Refuse files that cannot be written, before the work that makes their content; None is no file."""
+    """Refuse files that cannot be written, before the work that makes their content; None is not a file."""
     for path in paths:
         if path is not None:
             check_suffix(path, formats)

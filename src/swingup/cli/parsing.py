@@ -174,7 +174,7 @@ def _options(function: Command) -> dict[str, Any]:
 
 
 def _missing(function: Command, words: Sequence[str]) -> str:
-    """What words that tyro refuses lack; its errors are no data, and all but these are found before."""
+    """What words that tyro refuses lack; its errors are not data, and all but these are found before."""
     required = [each for each in inspect.signature(function).parameters.values() if each.default is each.empty]
     names = [each.name.upper() for each in required if each.kind is each.POSITIONAL_ONLY]
     options = [f"--{each.name}" for each in required if each.kind is not each.POSITIONAL_ONLY]

@@ -10,8 +10,9 @@ class SwingupError(Exception):
     """Bad input: the message is one line that names the value and the remedy.
 
     Whatever takes what a user gives may raise it; docstrings say when, at the names that users call.
-    It is no ``ValueError``, so that nothing between the check and the command line rephrases it. Line ends, control
-    characters and letters that no terminal can print arrive escaped: names of files and keys are foreign text.
+    It is not a ``ValueError``, so that nothing between the check and the command line rephrases it. Line ends,
+    control characters and letters that no terminal can print arrive escaped: names of files and keys are foreign
+    text.
     """
 
     def __init__(self, message: str) -> None:

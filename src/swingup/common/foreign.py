@@ -1,6 +1,6 @@
 """Code that is not ours: whatever it raises becomes one line that says who raised what.
 
-A controller or an environment may end the process (``sys.exit``) or raise what is no ``Exception``. Only an
+A controller or an environment may end the process (``sys.exit``) or raise what is not an ``Exception``. Only an
 interrupt from the keyboard passes. Everything else is a fault of that code, and must not end a benchmark of a
 thousand runs.
 """

@@ -17,7 +17,7 @@ NEAR_ROWS, NEAR_TIME = 4, 0.02
 LEAST_JUMP, ACCELERATION = 0.15, 400.0
 """Least jump (rad), and acceleration (rad/s²) that makes none: smaller jumps are noise, or the pendulum's own."""
 UNLIKELY_DEVIATIONS = 20.0
-"""A jump beyond so many median deviations is no noise."""
+"""A jump beyond so many median deviations is not noise."""
 SHORTEST_PIECE = 0.1
 """A piece between two jumps that is shorter (s) is a dropout."""
 
