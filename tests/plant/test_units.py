@@ -52,7 +52,7 @@ def test_a_similar_pendulum_moves_alike_in_its_own_units(either_robot, similar):
     small = similar(big)
     units = scales_of(small)
     torques = np.random.default_rng(0).uniform(-6.0, 6.0, (40, 1)) * either_robot.actuation
-    in_units = jnp.array([1.0, 1.0, units.velocity, units.velocity])
+    in_units = jnp.array([1.0, 1.0, units.of(VELOCITY), units.of(VELOCITY)])
     step = jax.jit(rk4_step)
     with jax.enable_x64(True):
         x = jnp.array([0.3, -0.2, 4.0, -6.0])

@@ -1,12 +1,14 @@
 """Disturbances of a loop that the robustness board tries one at a time: noise, delay, motor response and pushes."""
 
 import dataclasses
+from typing import Annotated
 
 import numpy as np
 
 from ..common.checks import finite_number
 from ..common.errors import SwingupError
 from ..loop.disturbance import Disturbance, Pushes, undisturbed
+from ..plant.units import TORQUE, VELOCITY
 from .rules import PushRules
 
 LARGEST_DISTURBANCE = 999.0
@@ -19,9 +21,9 @@ LONGEST_DELAY = 1000
 class DisturbanceSettings:
     """What disturbs the runs of :func:`swingup.judge` in a perfect loop; the defaults disturb nothing."""
 
-    velocity_noise: float = 0.0
+    velocity_noise: Annotated[float, VELOCITY] = 0.0
     """Standard deviation of the noise on measured velocities (rad/s)."""
-    torque_noise: float = 0.0
+    torque_noise: Annotated[float, TORQUE] = 0.0
     """Standard deviation of the noise on the driven joint's torque (N m)."""
     torque_response: float = 1.0
     """Motor response; 1 is a perfect motor."""

@@ -20,7 +20,7 @@ from ..dynamics.integrate import rk4_steps, stable_substeps
 from ..plant.equations import lump
 from ..plant.plant import LEADERBOARD, Plant, load_plant
 from ..plant.robots import Robot
-from ..plant.units import scales_of
+from ..plant.units import TIME, VELOCITY, Scales, scales_of
 from .balance import SLOPE_WINDOW, rows_in, running, slopes, unexplained
 from .board import AbstractBoard
 from .criteria import SHARE
@@ -125,14 +125,14 @@ def examine(
         slip = _slip(period, x)
         simulated = _is_simulated(period, x, slip)
         # A simulation's velocities are those of its angles, and finer at high speeds.
-        rates = x[:, 2:] if simulated else slopes(time, x[:, :2], SLOPE_WINDOW * scales.time)
+        rates = x[:, 2:] if simulated else slopes(time, x[:, :2], scales.scaled(SLOPE_WINDOW, TIME))
         return [
             *_short_span(time, board.duration, "it scores 0" if scored else "the rest counts as down"),
             *_periods(period, refuses=scored),
             *_rate(period, board.dt, simulated, compares=scored),
-            *_start(x[0], HANGING[1] * scales.velocity, refuses=not anywhere),
+            *_start(x[0], scales.scaled(HANGING[1], VELOCITY), refuses=not anywhere),
             *_torques(u, robot, float(max(plants[0].tl1, plants[0].tl2)), thrown=not scored),
-            *_positions(period, slip, scales.velocity),
+            *_positions(period, slip, scales),
             *_stretch(period, x),
             *_balances(time, x[:, :2], rates, u, plants, robot),
             *(
@@ -227,9 +227,10 @@ def _is_simulated(period: np.ndarray, x: np.ndarray, slip: Float[np.ndarray, "st
     return not moving.any() or bool(np.quantile(error[moving], 0.9) < 1)
 
 
-def _positions(period: np.ndarray, slip: Float[np.ndarray, "steps 2"], speed: float) -> _Found:
+def _positions(period: np.ndarray, slip: Float[np.ndarray, "steps 2"], scales: Scales) -> _Found:
     largest = _largest(_in_windows(slip, period))
-    if not largest <= (SLIP + SLIP_RATE * min(float(np.median(period)), COARSEST)) * speed:
+    allowed = SLIP + SLIP_RATE * min(float(np.median(period)), COARSEST)
+    if not largest <= scales.scaled(allowed, VELOCITY):
         yield Finding(
             "positions_against_velocities",
             f"its positions move by {largest:.3g} rad within {WINDOW:g} s beside what its velocities say: give rad "
@@ -299,21 +300,21 @@ def _defect(
     """Simulate every row of a simulation to the next, without friction and with it, and keep the better plant."""
     # Longer periods are cut short and then ignored: every row stays, and the batch keeps its shape.
     step = np.minimum(period, COARSEST)
-    speed, least = scales_of(plants[1]).velocity, LARGEST
+    scales, least = scales_of(plants[1]), LARGEST
     for parameters in plants:
         with jax.enable_x64(True):
             # C.1 keeps one step, with friction as well.
-            number = 1 if speed == 1 else stable_substeps(parameters, float(np.median(step)))
+            number = 1 if scales.time == 1 else stable_substeps(parameters, float(np.median(step)))
             after = np.asarray(_steps(parameters, x[:-1], u[:-1], step, min(number, MOST_SUBSTEPS)))
         defect = np.where((period <= COARSEST)[:, None], x[1:, 2:] - after[:, 2:], 0.0)
         found = _largest(_in_windows(defect, period))
         least = min(least, found if math.isfinite(found) else LARGEST)
-    if least > (DEFECT if drawn else TRACE) * speed:
+    if least > scales.scaled(DEFECT if drawn else TRACE, VELOCITY):
         yield Finding(
             "one_step_defect",
             f"its velocities change by {least:.3g} rad/s within {WINDOW:g} s beside what gravity and its torques "
             "explain: record the torques that acted, and name the plant",
-            refuses=not drawn and least > DEFECT * speed,
+            refuses=not drawn and least > scales.scaled(DEFECT, VELOCITY),
         )
 
 

@@ -57,7 +57,7 @@ class ModelSweep:
     def in_units(self, scales: Scales) -> "ModelSweep":
         """The sweep for another pendulum: factors stay."""
         unit = NUMBER if self.relative else PLANT_UNITS[self.parameter]
-        return replace(self, sweep=self.sweep * scales.of(unit))
+        return replace(self, sweep=scales.scaled(self.sweep, unit))
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ of time, and the motor's torque limit that of torque. Ratios remain: two pendulu
 parameters are equal in these units.
 
 Numbers are written down for C.1, with their units in their fields' annotations: :func:`scaled` multiplies them, and
-:func:`similar_plant` divides a plant's own. Nothing else scales, except that controllers of a similar plant convert
-state, time and torque (``controllers/baselines/own_units.py``). The loop's real period stays everywhere.
+:func:`similar_plant` divides a plant's own. Nothing else knows how a unit scales: what is no record is converted by
+:meth:`Scales.scaled` and :meth:`Scales.similar`. The loop's real period stays everywhere.
 """
 
 import dataclasses
@@ -71,14 +71,24 @@ class Scales:
     length: float
     """Length l1 + l2."""
 
-    @property
-    def velocity(self) -> float:
-        """Unit of angular velocity, 1/T."""
-        return self.of(VELOCITY)
-
     def of(self, unit: Unit) -> float:
         """A unit as a multiple of C.1's."""
         return self.torque**unit.torque * self.time**unit.time * self.length**unit.length
+
+    def scaled(self, value: Any, *units: Unit) -> Any:
+        """What suits C.1, for the pendulum: a number, or those of a tuple or of an array's last axis.
+
+        There is one unit for all numbers, or one for each. Arrays keep their precision.
+        """
+        factors = tuple(map(self.of, units))
+        if isinstance(value, tuple):
+            each = factors * len(value) if len(factors) == 1 else factors
+            return tuple(number * factor for number, factor in zip(value, each, strict=True))
+        return value * _like(value, factors)
+
+    def similar(self, value: Any, *units: Unit) -> Any:
+        """A number or an array of the pendulum, for the similar one in C.1's units; units as in :meth:`scaled`."""
+        return value / _like(value, tuple(map(self.of, units)))
 
     @property
     def base(self) -> tuple[float, ...]:
@@ -125,7 +135,7 @@ def torque_over_gravity(parameters: "Plant") -> float:
 
 def similar_plant(plant: "Plant", scales: Scales) -> "Plant":
     """The pendulum of the same lengths that moves as a plant does, in C.1's units of time and torque."""
-    return plant.changed(**{name: getattr(plant, name) / scales.of(unit) for name, unit in PLANT_UNITS.items()})
+    return plant.changed(**{name: scales.similar(getattr(plant, name), unit) for name, unit in PLANT_UNITS.items()})
 
 
 def scaled(record: RecordT, scales: Scales) -> RecordT:
@@ -140,18 +150,15 @@ def scaled(record: RecordT, scales: Scales) -> RecordT:
     for field in dataclasses.fields(record):  # type: ignore[arg-type]  # a dataclass
         value, units = getattr(record, field.name), notes(field, Unit)
         if units and value is not None:
-            changes[field.name] = _times(value, units, scales)
+            changes[field.name] = scales.scaled(value, *units)
         elif dataclasses.is_dataclass(value):
             changes[field.name] = scaled(value, scales)
     return dataclasses.replace(record, **changes)  # type: ignore[type-var]
 
 
-def _times(value: Any, units: tuple[Unit, ...], scales: Scales) -> Any:
-    factors = [scales.of(unit) for unit in units]
-    if isinstance(value, tuple):
-        each = factors * len(value) if len(factors) == 1 else factors
-        return tuple(number * factor for number, factor in zip(value, each, strict=True))
-    return value * (factors[0] if len(factors) == 1 else np.array(factors))
+def _like(value: Any, factors: tuple[float, ...]) -> Any:
+    """A factor, or an array of factors that leaves an array of single precision as it is."""
+    return factors[0] if len(factors) == 1 else np.array(factors, getattr(value, "dtype", float))
 
 
 def _time_and_gravity(p: "Plant") -> tuple[float, float]:

@@ -10,7 +10,7 @@ from ..benchmark.rules import MODEL_SWEEPS, ModelSweep
 from ..loop.domain import Domain, load_domain
 from ..plant.plant import LEADERBOARD, NAMES, Plant
 from ..plant.robots import Robot
-from ..plant.units import Scales, scales_of, similar_plant
+from ..plant.units import TORQUE, Scales, scales_of, similar_plant
 
 SWEEPS = MODEL_SWEEPS
 """The parameters that change, and their ranges."""
@@ -115,7 +115,7 @@ def _robots(random: np.random.Generator, robot: Robot, domain: Domain, nominal: 
 def _left(robot: Robot, domain: Domain, scales: Scales) -> dict[str, float]:
     """Most friction that compensation leaves, in C.1's units: all of it where the passive joint has no motor."""
     other = 2 - robot.joint
-    coulomb, damping, limit = f"cf{other}", f"b{other}", domain.low.loop.passive_limit / scales.torque
+    coulomb, damping, limit = f"cf{other}", f"b{other}", scales.similar(domain.low.loop.passive_limit, TORQUE)
     most = {name: getattr(similar_plant(domain.high.plant, scales), name) for name in (coulomb, damping)}
     beyond = {coulomb: max(LEFT[coulomb], most[coulomb] - limit)}
     return LEFT | beyond | ({} if limit else {damping: max(LEFT[damping], most[damping])})

@@ -19,13 +19,12 @@ from ..controllers.stack.controller import PolicyController, make_controller, pl
 from ..loop.domain import Domain, load_domain
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..plant.robots import Robot
-from ..plant.units import ACCELERATION, C1, Scales, scaled, scales_of, similar_plant
+from ..plant.units import ACCELERATION, C1, TORQUE, Scales, scaled, scales_of, similar_plant
 from ..policy.estimator.settings import default_estimator
 from ..policy.identifier.settings import IdentifierSettings
 from ..policy.pendulum import PendulumPolicy
 from ..policy.plant_facts import plant_difference, policy_plant
 from ..policy.regulator.settings import RegulatorSettings
-from ..tasks.observation import PendulumStage, PlantStage
 from .analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings, with_actor
 from .distillation import Progress, distil
 from .distillation_settings import DistillationSettings
@@ -171,16 +170,9 @@ def frictionless_design(domain: Domain) -> Plant:
 
 def in_units(controller: PolicyController, scales: Scales) -> PolicyController:
     """A policy of a pendulum for the similar one whose units are these multiples of its own."""
-    stages = []
-    for stage in controller.policy.stages:
-        if isinstance(stage, PendulumStage):
-            stage = scaled(stage, scales)
-        if isinstance(stage, PlantStage):
-            units = np.array(scales.base, np.float32)
-            stage = dataclasses.replace(stage, centre=stage.centre * units, scale=stage.scale * units)
-        stages.append(stage)
-    policy = dataclasses.replace(controller.policy, stages=tuple(stages))
-    plant, limit = similar_plant(controller.plant, C1.over(scales)), controller.torque_limit * scales.torque
+    stages = tuple(scaled(stage, scales) for stage in controller.policy.stages)
+    policy = dataclasses.replace(controller.policy, stages=stages)
+    plant, limit = similar_plant(controller.plant, C1.over(scales)), scales.scaled(controller.torque_limit, TORQUE)
     return dataclasses.replace(controller, policy=policy, plant=plant, torque_limit=limit)
 
 
@@ -193,7 +185,7 @@ def wrapped_policy(controller: PolicyController, passive_limit: float | None = N
     policy, estimator = policy_of(controller), default_estimator(plant_of(controller))
     if not controller.policy.sees_plant:
         return dataclasses.replace(policy, estimator=estimator)
-    noise = ACCELERATION_NOISE * scales.of(ACCELERATION)
+    noise = scales.scaled(ACCELERATION_NOISE, ACCELERATION)
     estimator = dataclasses.replace(estimator, acceleration_noise=noise)
     identifier = scaled(FINDING[controller.robot.name], scales)
     if passive_limit is not None:

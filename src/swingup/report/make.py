@@ -36,7 +36,7 @@ LIVE_NOTE = (
 
 THINNING = 5
 """Every fifth of the benchmark's 500 rows a second: a film of 100 rows a second still looks smooth."""
-VELOCITY_NOISE, TORQUE_NOISE, PUSHES = 0.05, 0.2, PushRules(amplitude=(0.5, 3.0))
+DISTURBANCE = DisturbanceSettings(velocity_noise=0.05, torque_noise=0.2, pushes=PushRules(amplitude=(0.5, 3.0)))
 """What disturbs the disturbed swing-ups (rad/s, N m): as many pushes as on the robustness board, up to 3 N m."""
 
 
@@ -171,6 +171,4 @@ def describe_disturbance(seed: int, plant: Plant = LEADERBOARD) -> str:
 
 def disturb(plant: Plant) -> DisturbanceSettings:
     """The disturbance in the units of a plant."""
-    scales = scales_of(plant)
-    velocity_noise, torque_noise = VELOCITY_NOISE * scales.velocity, TORQUE_NOISE * scales.torque
-    return DisturbanceSettings(velocity_noise, torque_noise, pushes=scaled(PUSHES, scales))
+    return scaled(DISTURBANCE, scales_of(plant))

@@ -13,7 +13,7 @@ from ..dynamics.integrate import stable_substeps
 from ..loop.supervisors.throws import thrown_states
 from ..plant.plant import LEADERBOARD, PlantLike, load_plant
 from ..plant.robots import Robot, get_robot
-from ..plant.units import scaled, scales_of
+from ..plant.units import STATE, scaled, scales_of
 from .acrobot_swingup import AcrobotSwingup
 from .observation import PendulumStage
 from .pendulum import AbstractPendulumTask, PendulumTask
@@ -50,7 +50,8 @@ def global_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> RecoveryTask:
     rates = random.uniform(0, 10, (3000, 1)) * random.normal(size=(3000, 2))
     anywhere = np.concatenate([random.uniform(-np.pi, np.pi, (3000, 2)), rates], axis=1)
     hanging = 0.05 * random.normal(size=(3000, 4))
-    starts = np.concatenate([thrown, np.concatenate([anywhere, hanging]) * scales_of(smooth.parameters).state])
+    others = scales_of(smooth.parameters).scaled(np.concatenate([anywhere, hanging]), *STATE)
+    starts = np.concatenate([thrown, others])
     starts[:, :2] = (starts[:, :2] + np.pi) % (2 * np.pi) - np.pi  # full turns cost digits in single precision
     task = RecoveryTask(**(vars(smooth) | {"max_steps": 300}), starts=jnp.asarray(starts, jnp.float32))
     return _in_own_units(task)

@@ -15,7 +15,7 @@ from ...common.types import State, Torque
 from ...plant.equations import COULOMB_STEEPNESS
 from ...plant.plant import Plant
 from ...plant.robots import Robot
-from ...plant.units import Scales, scaled
+from ...plant.units import STATE, TIME, TORQUE, Scales, scaled
 from ..interface.controller import AbstractController, joint_torques
 from ..interface.time import Time, TimeLike, never, since_first_call
 from ..swingups.design import Search
@@ -87,13 +87,12 @@ class InOwnUnits(AbstractController[tuple[Time, Any]]):
     """A controller of the similar pendulum, which sees the plant's state and time in C.1's units."""
 
     controller: AbstractController[Any]
-    time: float
-    """Units of the plant as multiples of C.1's."""
-    torque: float
     limit: float
     """The plant's motor's (N m)."""
     coulomb: float
     """The driven joint's Coulomb friction, which is added to the torque (N m)."""
+    scales: Scales = eqx.field(static=True)
+    """The plant's units."""
     robot: Robot = eqx.field(static=True)
 
     def init(self) -> tuple[Time, Any]:
@@ -102,12 +101,11 @@ class InOwnUnits(AbstractController[tuple[Time, Any]]):
 
     def __call__(self, carry: tuple[Time, Any], t: TimeLike, x: State) -> tuple[tuple[Time, Any], Torque]:
         """The torques (N m)."""
-        # Angles have no unit, and a rate of the slower plant is a higher one of C.1's.
-        similar = jnp.concatenate([x[:2], x[2:] * self.time])
         begun, elapsed = since_first_call(t, carry[0])
-        inner, u = self.controller(carry[1], elapsed / self.time, similar)
+        similar = self.scales.similar
+        inner, u = self.controller(carry[1], similar(elapsed, TIME), similar(x, *STATE))
         joint = self.robot.joint
-        torque = u[joint] * self.torque + self.coulomb * jnp.arctan(COULOMB_STEEPNESS * x[2 + joint])
+        torque = self.scales.scaled(u[joint], TORQUE) + self.coulomb * jnp.arctan(COULOMB_STEEPNESS * x[2 + joint])
         # Neither the compensation nor the units' rounding may exceed the limit.
         return (begun, inner), joint_torques(torque, self.robot, self.limit)
 
@@ -115,4 +113,4 @@ class InOwnUnits(AbstractController[tuple[Time, Any]]):
 def in_own_units(controller: AbstractController[Any], plant: Plant, robot: Robot, scales: Scales) -> InOwnUnits:
     """The controller of a similar pendulum without friction of the driven joint, for the plant itself."""
     limit, coulomb = float(plant.limit(robot.joint)), float((plant.cf1, plant.cf2)[robot.joint])
-    return InOwnUnits(controller, scales.time, scales.torque, limit, coulomb, robot)
+    return InOwnUnits(controller, limit, coulomb, scales, robot)

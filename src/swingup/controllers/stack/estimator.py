@@ -4,13 +4,12 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from ...common.types import State, Torque
 from ...plant.plant import Plant
 from ...plant.robots import Robot
-from ...plant.units import Scales, scales_of
+from ...plant.units import BASE_UNITS, STATE, TORQUE, Scales, scales_of
 from ...policy.estimator import core
 from ...policy.estimator.core import EstimatorState, Loop
 from ...policy.estimator.settings import EstimatorSettings, default_estimator
@@ -71,22 +70,21 @@ class EstimatingController(AbstractController[EstimatorMemory]):
 
     def __call__(self, carry: EstimatorMemory, t: TimeLike, x: State) -> tuple[EstimatorMemory, Torque]:
         """The controller's torques for the estimated state (N m), with compensation; x is the measurement."""
-        loop, scales, rates = self.loop, self.scales, np.array(self.scales.state).astype(x.dtype)
+        loop, scales = self.loop, self.scales
         now = as_time(t).like(carry.estimator.time)
-        state, own = core.observe(JAX, loop, carry.estimator, self.found(carry), now, x / rates)
-        plant, seen = self.found(carry._replace(estimator=state)), own * rates
+        state, own = core.observe(JAX, loop, carry.estimator, self.found(carry), now, scales.similar(x, *STATE))
+        plant, seen = self.found(carry._replace(estimator=state)), scales.scaled(own, *STATE)
         if plant is None:
             inner, u = self.controller(carry.controller, t, seen)
         else:
-            told = jnp.stack(plant.told)
-            told = told * np.array(scales.base).astype(told.dtype)
+            told = scales.scaled(jnp.stack(plant.told), *BASE_UNITS)
             inner, u = call_for_plant(self.controller, carry.controller, t, seen, told)
-            u = u + (scales.torque * core.compensation(JAX, loop, plant, own)).astype(u.dtype)
+            u = u + scales.scaled(core.compensation(JAX, loop, plant, own), TORQUE).astype(u.dtype)
         driven = self.plant.limit(self.robot.joint)
         limits = jnp.where(jnp.arange(2) == self.robot.joint, driven, self.passive_limit).astype(u.dtype)
         # Clipped before it is remembered: the model must have the torque that acts.
         u = jnp.clip(u, -limits, limits)
-        return EstimatorMemory(core.remember(JAX, loop, state, u / scales.torque), inner), u
+        return EstimatorMemory(core.remember(JAX, loop, state, scales.similar(u, TORQUE)), inner), u
 
     def found(self, memory: EstimatorMemory) -> Found | None:
         """What the identifier has found of the plant; None without one."""

@@ -13,7 +13,7 @@ from ...plant.base_parameters import Geometry, base_parameters
 from ...plant.equations import Number
 from ...plant.plant import Plant
 from ...plant.robots import Robot
-from ...plant.units import Scales, scales_of
+from ...plant.units import BASE_UNITS, STATE, TORQUE, Scales, scales_of
 from ...policy.regulator import core
 from ...policy.regulator.core import Loop, RegulatorState
 from ...policy.regulator.settings import RICCATI_STEPS, Q, R, RegulatorSettings
@@ -70,10 +70,11 @@ class RegulatingController(AbstractPlantController[RegulatorMemory]):
         base = self.base if base is None else base
         # Always, so that a policy with a memory keeps it while the regulator acts.
         inner, u = call_for_plant(self.controller, carry.controller, t, x, base)
-        own = jnp.asarray(base, carry.regulator.cost_to_go.dtype) / np.array(self.scales.base)
-        held, seen = core.held(self.loop, unpack(own)), x / np.array(self.scales.state)
-        state, torque = core.regulate(JAX, self.loop, carry.regulator, held, seen.astype(x.dtype))
-        regulated = (torque * self.scales.torque).astype(u.dtype) * jnp.array(self.robot.actuation, u.dtype)
+        base = jnp.asarray(base, carry.regulator.cost_to_go.dtype)
+        held = core.held(self.loop, unpack(self.scales.similar(base, *BASE_UNITS)))
+        seen = self.scales.similar(x, *STATE)
+        state, torque = core.regulate(JAX, self.loop, carry.regulator, held, seen)
+        regulated = self.scales.scaled(torque, TORQUE).astype(u.dtype) * jnp.array(self.robot.actuation, u.dtype)
         return RegulatorMemory(state, inner), jnp.where(state.acting, regulated, u)
 
 

@@ -9,7 +9,7 @@ from ...common.errors import SwingupError
 from ...plant.base_parameters import BASE, base_parameters, lumped
 from ...plant.equations import COULOMB_STEEPNESS, mass_entries
 from ...plant.momentum import CLOSE_RATES
-from ...plant.units import Scales, scales_of, similar_plant
+from ...plant.units import C1, Scales, scaled, scales_of, similar_plant
 from ...policy.estimator import core as estimator
 from ...policy.guard.settings import BRAKED, PUSHING, SENTENCES, STANDSTILLS, GuardSettings, Reason
 from ...policy.identifier import settings as identifier
@@ -100,7 +100,7 @@ def network_data(policy: PendulumPolicy) -> Data:
 
 def _observation_data(stages: Sequence[Stage], scales: Scales) -> Data:
     """The stages: angles and velocities, perhaps normalised, perhaps with the plant behind them; in C.1's units."""
-    angles, *others = stages
+    angles, *others = (scaled(stage, C1.over(scales)) for stage in stages)
     kinds = [type(stage) for stage in others]
     normalise = next((stage for stage in others if isinstance(stage, NormaliseStage)), None)
     plant = next((stage for stage in others if isinstance(stage, PlantStage)), None)
@@ -110,7 +110,7 @@ def _observation_data(stages: Sequence[Stage], scales: Scales) -> Data:
         raise SwingupError(f"a header cannot have the observation stages {names}: export to NumPy")
     data: Data = {
         "WRAPPED": int(angles.angles == "wrapped"),
-        "VELOCITY_SCALE": angles.velocity_scale / scales.velocity,
+        "VELOCITY_SCALE": angles.velocity_scale,
         "STATE_INPUTS": angles.size(4),
         "NORMALISED": int(normalise is not None),
         "SEES_PLANT": int(plant is not None),
@@ -118,8 +118,7 @@ def _observation_data(stages: Sequence[Stage], scales: Scales) -> Data:
     if normalise is not None:
         data |= {"INPUT_CLIP": normalise.clip, "input_mean": normalise.mean, "input_deviation": normalise.deviation}
     if plant is not None:
-        centre, scale = plant.centre / np.array(scales.base), plant.scale / np.array(scales.base)
-        data |= {"PLANT_CLIP": plant.clip, "plant_centre": centre, "plant_scale": scale}
+        data |= {"PLANT_CLIP": plant.clip, "plant_centre": plant.centre, "plant_scale": plant.scale}
     return data
 
 

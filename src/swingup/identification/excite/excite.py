@@ -18,7 +18,7 @@ from ...common.checks import finite_number, one_of, whole_number
 from ...common.errors import SwingupError
 from ...common.table import write_columns
 from ...loop.domain import Domain
-from ...plant.units import scales_of
+from ...plant.units import VELOCITY, scales_of
 from ..fit.prediction import NAMES, Integration, integration_of
 from ..fit.regression import OFFSETS, SPAN, regression_matrix
 from ..log.segments import INTERVAL
@@ -133,7 +133,7 @@ def excite(
     length = INTERVAL * round(finite_number("duration", duration, *DURATIONS, "s") / INTERVAL)
     drawn = draw_models(domain, CHECKED_PLANTS, whole_number("seed", seed, 0, 2**32 - 1))
     setting, models = integration_of(plant).coarse, np.concatenate([drawn, corner_models(domain)])
-    frequency = NATURAL_FREQUENCY * scales_of(plant).velocity
+    frequency = scales_of(plant).scaled(NATURAL_FREQUENCY, VELOCITY)
     motions = multisines(length, frequency, min(limits.angle, np.pi), np.array(JOINTS[joint]))
     candidates = _within_limits(setting, models, motions, limits, alone)
     if not candidates:
@@ -150,7 +150,7 @@ def _limits(
     driven, plant = JOINTS[one_of("joint", joint, JOINTS)], domain.nominal_plant
     motors = [float(plant.tl1), float(plant.tl2)]
     most = [motor if torque is None else finite_number("torque", torque, 1e-6, motor, "N m") for motor in motors]
-    usual = SPEED * scales_of(plant).velocity
+    usual = scales_of(plant).scaled(SPEED, VELOCITY)
     return ExcitationLimits(
         torque=(most[0] * driven[0], most[1] * driven[1]),
         speed=usual if speed is None else finite_number("speed", speed, 0.1, 1e3, "rad/s"),

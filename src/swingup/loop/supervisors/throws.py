@@ -18,7 +18,7 @@ from ...common.types import Count, Scalar, State, Torque
 from ...dynamics.dynamics import gravity_torque
 from ...dynamics.integrate import rk4_steps, stable_substeps
 from ...plant.plant import Plant
-from ...plant.units import DAMPING, TORQUE, TORQUE_RATE, scales_of, similar_plant
+from ...plant.units import DAMPING, STATE, TORQUE, TORQUE_RATE, scales_of, similar_plant
 from .supervisor import AbstractSupervisor, Intervention, no_intervention
 
 WITHOUT_DERIVATIVE = 2
@@ -130,7 +130,8 @@ def thrown_states(
     # Any last error: the throw before it aimed elsewhere, so that the first derivative saturates.
     targets, last = random.uniform(-np.pi, np.pi, (number, 2)), random.uniform(-6.0, 6.0, (number, 2))
     starts = jnp.asarray(targets), jnp.asarray(last), jnp.asarray(x0)
-    return np.asarray(_thrown(THROWER, similar, *starts, steps, dt, stable_substeps(similar, dt))) * scales.state
+    thrown = np.asarray(_thrown(THROWER, similar, *starts, steps, dt, stable_substeps(similar, dt)))
+    return np.asarray(scales.scaled(thrown, *STATE))
 
 
 @functools.partial(jax.jit, static_argnums=(5, 6, 7))

@@ -8,7 +8,7 @@ import numpy as np
 from ...common.riccati import solve_riccati
 from ...common.settings import Range, check_ranges
 from ...plant.plant import Plant
-from ...plant.units import ACCELERATION, C1, VELOCITY, Scales, scaled, scales_of
+from ...plant.units import ACCELERATION, C1, TIME, VELOCITY, Scales, scaled, scales_of
 
 POSITION_NOISE = 1e-4
 """Standard deviation of the measured angles (rad): that of an encoder of 2^14 counts is 1.1e-4."""
@@ -45,8 +45,8 @@ def default_estimator(plant: Plant) -> EstimatorSettings:
 
 def own_estimator(settings: EstimatorSettings, scales: Scales) -> EstimatorSettings:
     """Settings of a pendulum of these units in C.1's, in which estimators compute; so are the loop's times."""
-    own, time = scaled(settings, C1.over(scales)), scales.time
-    return replace(own, dt=settings.dt / time, longest_gap=settings.longest_gap / time)
+    times = {name: scales.similar(getattr(settings, name), TIME) for name in ("dt", "longest_gap")}
+    return replace(scaled(settings, C1.over(scales)), **times)
 
 
 def kalman_gains(settings: EstimatorSettings) -> np.ndarray:

@@ -16,7 +16,7 @@ from ...common.errors import SwingupError
 from ...common.settings import Range, notes
 from ...plant.base_parameters import BASE
 from ...plant.maths import TURN
-from ...plant.units import VELOCITY
+from ...plant.units import BASE_UNITS, VELOCITY
 
 ANGLES = ("wrapped", "sincos")
 """Encodings of the angles."""
@@ -96,9 +96,9 @@ class PlantStage:
     It is the last stage of a pendulum's policy. ``plant/base_parameters.py`` says what θ is.
     """
 
-    centre: Array
+    centre: Annotated[Array, *BASE_UNITS]
     """One for each base parameter, in its unit; so is the scale."""
-    scale: Array
+    scale: Annotated[Array, *BASE_UNITS]
     clip: Clip = 10.0
 
     def size(self, before: int) -> int:

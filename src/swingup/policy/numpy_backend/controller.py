@@ -7,7 +7,7 @@ import numpy as np
 from ...plant.base_parameters import base_parameters
 from ...plant.maths import NUMPY
 from ...plant.robots import Robot
-from ...plant.units import C1, scales_of
+from ...plant.units import TORQUE, scales_of
 from ..contract import LoopController
 from ..estimator import core as estimator
 from ..estimator.settings import default_estimator
@@ -32,9 +32,8 @@ class NumpyPolicy:
         """Take a policy behind an estimator where its file has one (None), never (False) or always (True)."""
         self.policy, self._joint, self._network = policy, policy.robot.joint, NumpyNetwork(policy)
         joint, scales = self._joint, scales_of(policy.plant)
-        # All but the network computes in C.1's units.
-        self._scales, self._rates = scales, np.array(C1.over(scales).state)
-        self._base = np.array(scales.base)
+        # All but the network computes in C.1's units; kept, since finding them takes as long as a small network.
+        self._scales, self._state_units, self._base_units = scales, np.array(scales.state), np.array(scales.base)
         self.loop: estimator.Loop | None = None
         self.shortest_pause = 0.0
         if policy.estimator is not None if estimated is None else estimated:
@@ -44,7 +43,7 @@ class NumpyPolicy:
         self._regulator: regulator.Loop | None = None
         if policy.regulator is not None:
             self._regulator = regulator_loop(policy.regulator, policy.plant, joint, policy.torque_limit)
-            self._held = held(self._regulator, (base_parameters(policy.plant) / self._base).tolist())
+            self._held = held(self._regulator, (base_parameters(policy.plant) / self._base_units).tolist())
         self.reset()
 
     def reset(self) -> None:
@@ -59,20 +58,20 @@ class NumpyPolicy:
         """The torques (2,) (N m) for the state x (4,) measured at time t (s), NaN where x is not finite."""
         # What is not finite or overflows fails a comparison, and starts again.
         with np.errstate(all="ignore"):
-            x = x * self._rates
+            x = x / self._state_units
             if self.loop is not None:
                 self.state, x = estimator.observe(NUMPY, self.loop, self.state, self.found, t, x)
                 self._tell()
             u = np.zeros(2)
             u[self._joint] = self._torque(x)
             if self.loop is not None and self.found is not None:
-                u = u + self._scales.torque * estimator.compensation(NUMPY, self.loop, self.found, x)
+                u = u + self._scales.scaled(estimator.compensation(NUMPY, self.loop, self.found, x), TORQUE)
             return u
 
     def given(self, u: np.ndarray) -> None:
         """Note what the motors were given of the torques (2,) (N m)."""
         if self.loop is not None:
-            self.state = estimator.remember(NUMPY, self.loop, self.state, u / self._scales.torque)
+            self.state = estimator.remember(NUMPY, self.loop, self.state, self._scales.similar(u, TORQUE))
 
     def _tell(self) -> None:
         """Hand the plant found to what depends on it."""
@@ -88,10 +87,10 @@ class NumpyPolicy:
         if self._regulator is not None:
             self._regulated, torque = regulator.regulate(NUMPY, self._regulator, self._regulated, self._held, x)
             if self._regulated.acting:
-                return float(torque) * self._scales.torque
+                return self._scales.scaled(float(torque), TORQUE)
         if self.found is not None:
-            self._network.tell(self._base * self.found.told)
-        return self._network(x / self._rates)
+            self._network.tell(self._base_units * self.found.told)
+        return self._network(x * self._state_units)
 
 
 def numpy_controller(
