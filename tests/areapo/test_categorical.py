@@ -8,11 +8,10 @@ import pytest
 from array_files import change_file
 from policies import load_any_policy
 from refusals import refusal
-from swingup.areapo.initial import init_policy
+from swingup.areapo.initial import init_categorical_actor
 from swingup.areapo.networks import Categoricals
 from swingup.controllers.stack.policy import Policy, save_policy
 from swingup.tasks.observation import NormaliseStage
-from swingup.tasks.task import Spaces
 
 # Probabilities 0.2, 0.3, 0.5 of the first action and 0.9, 0.1 of the second; logits are free up to a constant.
 PAIR = Categoricals(
@@ -32,7 +31,7 @@ def test_probabilities_sum_to_one():
 
 
 def test_samples_follow_the_probabilities():
-    actor = init_policy(jax.random.key(1), Spaces(3, 2, PAIR.choices), (8,), -1.0)
+    actor = init_categorical_actor(jax.random.key(1), 3, PAIR.choices, (8,))
     drawn = np.asarray(jax.vmap(PAIR.sample, 1)(actor.noise(jax.random.key(0), (100_000,))))
     # Standard deviation of a share: at most 0.5 / sqrt(100,000) = 0.0016.
     np.testing.assert_allclose(np.bincount(drawn[:, 0]) / 1e5, [0.2, 0.3, 0.5], atol=0.007)
@@ -52,7 +51,7 @@ def test_batch_axes_come_last():
 
 
 def test_a_new_policy_is_next_to_uniform():
-    actor = init_policy(jax.random.key(0), Spaces(3, 2, (3, 2)), (32, 32), -1.0)
+    actor = init_categorical_actor(jax.random.key(0), 3, (3, 2), (32, 32))
     distribution = actor(jax.random.normal(jax.random.key(1), (3, 20)))
     for pair in np.ndindex(3, 2):
         log_probs = distribution.log_prob(jnp.tile(jnp.array(pair)[:, None], 20))
@@ -60,7 +59,7 @@ def test_a_new_policy_is_next_to_uniform():
 
 
 def test_the_policy_file_keeps_the_policy_and_its_choices(tmp_path):
-    actor = init_policy(jax.random.key(0), Spaces(4, 2, (3, 2)), (8,), -1.0)
+    actor = init_categorical_actor(jax.random.key(0), 4, (3, 2), (8,))
     actor = jax.tree.map(lambda leaf: leaf + jax.random.normal(jax.random.key(5), leaf.shape), actor)
     policy = Policy((NormaliseStage(np.linspace(-1, 1, 4), np.linspace(0.5, 2, 4)),), actor)
     save_policy(tmp_path / "p.safetensors", policy, {"env": "Task-v0"})

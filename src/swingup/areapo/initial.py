@@ -21,11 +21,14 @@ def init_learner(key: Key, spaces: Spaces, config: Config) -> LearnerState:
     """The state of a learner that has observed no environment yet; gains and their trace start at 0."""
     actor_key, critic_key, state_key = jax.random.split(key, 3)
     share = std_share(spaces.action_size) if config.deviation == "shared" else 1.0
-    actor = init_policy(
-        actor_key, spaces, config.policy_layers, config.log_std_init + math.log(share), config.activation,
-        config.deviation == "state",
-    )  # fmt: skip
-    critic = init_critic(critic_key, spaces.observation_size, config.value_layers, config.activation)
+    size, layers, activation = spaces.observation_size, config.policy_layers, config.activation
+    actor: AbstractActor
+    if spaces.choices:
+        actor = init_categorical_actor(actor_key, size, spaces.choices, layers, activation)
+    else:
+        log_std, by_state = config.log_std_init + math.log(share), config.deviation == "state"
+        actor = init_actor(actor_key, size, spaces.action_size, layers, log_std, activation, by_state)
+    critic = init_critic(critic_key, size, config.value_layers, activation)
     return LearnerState(
         actor=actor,
         critic=critic,
@@ -59,25 +62,20 @@ def begin_episodes(state: LearnerState, observations: Float[Array, "envs n"]) ->
     return dataclasses.replace(state, statistics=statistics, observations=statistics.stage()(observations))
 
 
-def init_policy(
+def init_categorical_actor(
     key: Key,
-    spaces: Spaces,
+    observation_size: int,
+    choices: tuple[int, ...],
     layers: tuple[int, ...],
-    log_std_init: float,
     activation: Activation = RELU,
-    state_dependent_std: bool = True,
-) -> AbstractActor:
-    """An actor for these spaces; a policy of discrete actions starts almost uniform."""
-    if not spaces.choices:
-        sizes = spaces.observation_size, spaces.action_size
-        return init_actor(key, *sizes, layers, log_std_init, activation, state_dependent_std)
+) -> CategoricalActor:
+    """An actor of discrete actions, which starts almost uniform."""
     trunk_key, head_key = jax.random.split(key)
-    outputs = sum(spaces.choices)
     return CategoricalActor(
-        trunk=_init_trunk(trunk_key, spaces.observation_size, layers),
+        trunk=_init_trunk(trunk_key, observation_size, layers),
         activation=activation,
-        logits_head=_init_linear(head_key, layers[-1], outputs, 0.01),
-        choices=spaces.choices,
+        logits_head=_init_linear(head_key, layers[-1], sum(choices), 0.01),
+        choices=choices,
     )
 
 

@@ -2,11 +2,12 @@
 
 A kind of settings is a frozen dataclass with the class variable ``PART``, its key in a policy file's metadata. Its
 fields are annotated ``Annotated[kind, Range(least, most)]``; a kind is ``float``, ``int``, ``float | None`` or a
-tuple of floats. A field may also be settings themselves. ``__post_init__`` calls :func:`check_ranges`.
+tuple of floats. A field may also be a word, which its class checks, or settings themselves; all others are arrays.
+``__post_init__`` calls :func:`check_ranges`, unless values may be traced by JAX.
 """
 
 from collections.abc import Mapping
-from dataclasses import Field, fields
+from dataclasses import Field, fields, is_dataclass
 from typing import Any, NamedTuple, TypeVar, get_args
 
 from .checks import finite_number, one_of, whole_number
@@ -31,28 +32,36 @@ def notes(field: "Field[Any]", kind: type[NoteT]) -> tuple[NoteT, ...]:
 
 def check_ranges(settings: Any) -> None:
     """Refuse values out of their ranges, and turn lists into tuples and numbers into the field's type."""
-    for name, (kind, bounds) in _annotations(type(settings)).items():
-        if bounds is not None:
-            value = _checked(f"{settings.PART} setting {name}", getattr(settings, name), kind, bounds)
-            # The dataclass is frozen for its users; here it is still being made.
-            object.__setattr__(settings, name, value)
+    for name, value in in_range(settings).items():
+        # The dataclass is frozen for its users; here it is still being made.
+        object.__setattr__(settings, name, value)
+
+
+def in_range(settings: Any) -> dict[str, Any]:
+    """The values that have a range, by their names, once they were found to lie within."""
+    return {
+        name: _checked(f"{settings.PART} setting {name}", getattr(settings, name), kind, bounds)
+        for name, (kind, bounds) in settings_of(type(settings)).items()
+        if bounds is not None
+    }
 
 
 def read_settings(metadata: Mapping[str, Any], kind: type[SettingsT]) -> SettingsT | None:
     """Settings under their key in a policy file's metadata; None if it has none."""
     part = kind.PART  # type: ignore[attr-defined]  # of every kind of settings
-    return _read(metadata[part], part, kind) if part in metadata else None
+    return kind(**read_values(metadata[part], part, kind)) if part in metadata else None
 
 
-def _read(given: Any, part: str, kind: type[SettingsT]) -> SettingsT:
+def read_values(given: Any, part: str, kind: Any) -> dict[str, Any]:
+    """The values that an object of JSON gives for a kind's settings, whose names are checked."""
     if not isinstance(given, Mapping):
         raise SwingupError(f"{part} {quoted(given)} is not an object of settings: use {{}} for the defaults")
-    known, values = _annotations(kind), dict(given)
+    known, values = settings_of(kind), dict(given)
     for name, value in given.items():
-        inner, bounds = known[one_of(f"{part} setting", name, known)]
-        if bounds is None:
-            values[name] = _read(value, f"{part} {name}", inner)
-    return kind(**values)
+        inner, _ = known[one_of(f"{part} setting", name, known)]
+        if is_dataclass(inner):
+            values[name] = inner(**read_values(value, f"{part} {name}", inner))  # type: ignore[operator]  # a class
+    return values
 
 
 def _checked(name: str, value: Any, kind: Any, bounds: Range) -> Any:
@@ -67,11 +76,12 @@ def _checked(name: str, value: Any, kind: Any, bounds: Range) -> Any:
     return finite_number(name, value, *bounds)
 
 
-def _annotations(kind: Any) -> dict[str, tuple[Any, Range | None]]:
-    """Kind and range of each field: a tuple's kind is that of its entries, and settings have no range."""
+def settings_of(kind: Any) -> dict[str, tuple[Any, Range | None]]:
+    """Kind and range of each setting: a tuple's kind is that of its entries; words and settings have no range."""
     found: dict[str, tuple[Any, Range | None]] = {}
     for field in fields(kind):
         bounds = next(iter(notes(field, Range)), None)
         inner = field.type if bounds is None else get_args(field.type)[0]
-        found[field.name] = get_args(inner) if isinstance(field.default, tuple) else inner, bounds
+        if bounds is not None or inner is str or is_dataclass(inner):
+            found[field.name] = get_args(inner) if isinstance(field.default, tuple) else inner, bounds
     return found

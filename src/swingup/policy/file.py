@@ -5,7 +5,6 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_args
 
@@ -14,9 +13,10 @@ import numpy as np
 from ..common.arrays import load_arrays, save_arrays
 from ..common.checks import one_of
 from ..common.errors import SwingupError
+from ..common.settings import settings_of
 from ..common.text import quoted
 from .network.layers import RELU, Activation, Layer, Network
-from .network.stages import ARRAYS, STAGES, Stage, make_stage
+from .network.stages import STAGES, Stage, arrays_of, make_stage
 
 FORMAT = "swingup policy"
 FORMAT_VERSION = 1
@@ -49,9 +49,8 @@ def write_network(path: str | Path, network: Network, metadata: Mapping[str, Any
     stages: list[dict[str, Any]] = []
     for index, stage in enumerate(network.stages):
         name = next(name for name, kind in STAGES.items() if isinstance(stage, kind))
-        settings = [field.name for field in fields(stage) if field.name not in ARRAYS[name]]
-        stages.append({"name": name} | {key: getattr(stage, key) for key in settings})
-        arrays |= {f"observation.{index}.{key}": getattr(stage, key) for key in ARRAYS[name]}
+        stages.append({"name": name} | {key: getattr(stage, key) for key in settings_of(type(stage))})
+        arrays |= {f"observation.{index}.{key}": getattr(stage, key) for key in arrays_of(type(stage))}
     head = "mean" if network.choices is None else "logits"
     layers: dict[str, Layer] = {f"trunk.{index}": layer for index, layer in enumerate(network.trunk)}
     layers |= {head: network.head}

@@ -7,13 +7,13 @@ pytrees; numbers may be traced, so that they are checked where a network is made
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from ...common.checks import LARGEST, finite_number, one_of
+from ...common.checks import LARGEST, one_of
 from ...common.errors import SwingupError
-from ...common.settings import Range, notes
+from ...common.settings import Range, in_range, read_values, settings_of
 from ...plant.base_parameters import BASE
 from ...plant.maths import TURN
 from ...plant.units import BASE_UNITS, VELOCITY
@@ -38,6 +38,7 @@ class PendulumStage:
     mod is the non-negative remainder.
     """
 
+    PART: ClassVar[str] = "pendulum stage"
     angles: str = "wrapped"
     velocity_scale: Annotated[float, Range(1e-6, LARGEST), VELOCITY] = 20.0
     """s: velocities are clipped to ± this first (rad/s)."""
@@ -64,6 +65,7 @@ class PendulumStage:
 class NormaliseStage:
     """(o - mean) / sqrt(variance + ε) within ± clip; an observation o may have leading axes."""
 
+    PART: ClassVar[str] = "normalise stage"
     mean: Array
     variance: Array
     clip: Clip = 10.0
@@ -96,6 +98,7 @@ class PlantStage:
     It is the last stage of a pendulum's policy. ``plant/base_parameters.py`` says what θ is.
     """
 
+    PART: ClassVar[str] = "plant stage"
     centre: Annotated[Array, *BASE_UNITS]
     """One for each base parameter, in its unit; so is the scale."""
     scale: Annotated[Array, *BASE_UNITS]
@@ -126,28 +129,25 @@ class PlantStage:
 Stage = PendulumStage | NormaliseStage | PlantStage
 
 STAGES: dict[str, type[Stage]] = {"pendulum": PendulumStage, "normalise": NormaliseStage, "plant": PlantStage}
-"""Stages by their name in the file. Numbers and words among their fields are settings, the others arrays."""
+"""Stages by their name in the file."""
 
-ARRAYS: dict[str, tuple[str, ...]] = {
-    "pendulum": (),
-    "normalise": ("mean", "variance"),
-    "plant": ("centre", "scale"),
-}
-"""Names of the arrays of a stage."""
+
+def arrays_of(kind: type[Stage]) -> tuple[str, ...]:
+    """Names of a stage's arrays: all that is not a setting."""
+    return tuple(field.name for field in fields(kind) if field.name not in settings_of(kind))
 
 
 def make_stage(entry: Any, arrays: Mapping[str, np.ndarray]) -> Stage:
     """A stage from its entry in the metadata and its arrays, by their names without the prefix."""
     name = one_of("observation stage", entry.get("name", entry) if isinstance(entry, Mapping) else entry, STAGES)
-    values: dict[str, Any] = {key: value for key, value in entry.items() if key != "name"}
-    known = [field.name for field in fields(STAGES[name]) if field.name not in ARRAYS[name]]
-    for key in values:
-        one_of(f"{name} stage setting", key, known)
-    for key in ARRAYS[name]:
+    kind = STAGES[name]
+    given = {key: value for key, value in entry.items() if key != "name"} if isinstance(entry, Mapping) else entry
+    values = read_values(given, kind.PART, kind)
+    for key in arrays_of(kind):
         if key not in arrays:
             raise SwingupError(f"stage {name!r} lacks its array {key}")
         values[key] = arrays[key]
-    return checked(STAGES[name](**values))
+    return checked(kind(**values))
 
 
 def checked(stage: Stage) -> Stage:
@@ -156,15 +156,12 @@ def checked(stage: Stage) -> Stage:
         known = ", ".join(kind.__name__ for kind in STAGES.values())
         raise SwingupError(f"a policy file has no stage {type(stage).__name__}: use {known}")
     # Training keeps arrays of JAX in single precision; files, C and NumPy compute with these in double.
-    changes: dict[str, Any] = {}
-    for field in fields(stage):
-        value, bounds = getattr(stage, field.name), notes(field, Range)
-        if bounds:
-            given = value.item() if hasattr(value, "item") else value
-            changes[field.name] = finite_number(field.name, given, *bounds[0])
-        elif not isinstance(value, str):
-            changes[field.name] = np.asarray(value, np.float64)
-    return replace(stage, **changes)
+    values: dict[str, Any] = {name: np.asarray(getattr(stage, name), np.float64) for name in arrays_of(type(stage))}
+    for name in settings_of(type(stage)):
+        value = getattr(stage, name)
+        values[name] = value.item() if hasattr(value, "item") else value
+    stage = replace(stage, **values)
+    return replace(stage, **in_range(stage))
 
 
 def _within(values: Array, most: float) -> Array:
