@@ -16,6 +16,7 @@ from swingup.plant.plant import load_plant
 from swingup.policy.identifier import core
 from swingup.policy.identifier.compensation import LEAST_GAIN, Load, compensation
 from swingup.policy.identifier.settings import GAIN, IdentifierSettings, offsets, prior
+from swingup.policy.identifier.state import make_loop
 from swingup.policy.plant_facts import policy_plant
 
 DT, FINE = 0.002, 4
@@ -95,7 +96,7 @@ def moved(robot, plant, gain=1.0, wrong=(0.0, 0.0), steps=1200, load=None):
     (rad). Springs and cables may load the joints.
     """
     nominal = policy_plant(load_plant("C.1"), robot)
-    loop = core.make_loop(nominal, robot.joint, DT, 25, IdentifierSettings() if load is None else LOADED)
+    loop = make_loop(nominal, robot.joint, DT, 25, IdentifierSettings() if load is None else LOADED)
     lumped, x, passive, limit = lump(plant), (0.0,) * 4, 1 - robot.joint, loop.passive_limit
     state = core.begin(NUMPY, loop)
     for step in range(steps):

@@ -16,8 +16,9 @@ from swingup.plant.maths import NUMPY
 from swingup.plant.plant import LEADERBOARD
 from swingup.plant.robots import get_robot
 from swingup.policy.identifier import core
-from swingup.policy.identifier.core import hat_weights
+from swingup.policy.identifier.rows import hat_weights
 from swingup.policy.identifier.settings import LAG, IdentifierSettings
+from swingup.policy.identifier.state import make_loop
 
 DT, STEPS = 0.002, 800
 ROBOT = get_robot("acrobot")
@@ -40,7 +41,7 @@ UNEVEN = np.random.default_rng(0).choice([1e-9, 0.5, 1.0, 1.2, 3.5], STEPS, p=[0
 @functools.cache
 def programs(settings=UNCOMPENSATED):
     """A motion of a plant under swinging torques on the elbow, and what is found from angles and commands."""
-    loop = core.make_loop(NOMINAL, ROBOT.joint, DT, 25, settings)
+    loop = make_loop(NOMINAL, ROBOT.joint, DT, 25, settings)
     t = jnp.arange(STEPS) * DT
     command = jnp.stack([jnp.zeros(STEPS), 1.5 * jnp.sin(6.5 * t) + jnp.sin(15 * t + 1)], axis=1)
 
@@ -156,7 +157,7 @@ def test_what_is_not_finite_changes_nothing():
 
 def test_what_is_learned_is_finite_or_nothing():
     """Beside a covariance that overflows; in NumPy as well."""
-    loop = core.make_loop(NOMINAL, ROBOT.joint, DT, 25, IdentifierSettings())
+    loop = make_loop(NOMINAL, ROBOT.joint, DT, 25, IdentifierSettings())
     state = core.begin(NUMPY, loop)
     with jax.enable_x64(True), np.errstate(over="ignore", invalid="ignore"):
         observe = jax.jit(lambda memory, q: core.observe(JAX, loop, memory, q, jnp.array(0), jnp.array(DT)))
@@ -201,7 +202,7 @@ def test_one_spoilt_angle_is_soon_forgotten():
 
 
 def test_negative_friction_is_found_and_not_predicted_with():
-    loop = core.make_loop(NOMINAL, ROBOT.joint, DT, 25, UNCOMPENSATED)
+    loop = make_loop(NOMINAL, ROBOT.joint, DT, 25, UNCOMPENSATED)
     memory = core.begin(JAX, loop)
     memory = memory._replace(unknowns=memory.unknowns.at[4:8].set(jnp.array([-0.1, 0.1, 0.2, -0.2])))
     assert [float(value) for value in core.found(JAX, loop, memory).theta[4:8]] == pytest.approx(

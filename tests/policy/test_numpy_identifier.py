@@ -16,8 +16,9 @@ from swingup.plant.plant import load_plant
 from swingup.plant.robots import get_robot
 from swingup.policy.estimator.settings import EstimatorSettings
 from swingup.policy.identifier import settings
-from swingup.policy.identifier.core import IdentifierState, elapsed
+from swingup.policy.identifier.core import elapsed
 from swingup.policy.identifier.settings import IdentifierSettings
+from swingup.policy.identifier.state import IdentifierState
 from swingup.policy.network.layers import Network
 from swingup.policy.network.stages import PendulumStage, PlantStage
 from swingup.policy.numpy_backend.controller import numpy_controller

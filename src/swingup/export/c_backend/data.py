@@ -14,7 +14,7 @@ from ...policy.estimator import core as estimator
 from ...policy.guard.settings import BRAKED, PUSHING, SENTENCES, STANDSTILLS, GuardSettings, Reason
 from ...policy.identifier import settings as identifier
 from ...policy.identifier.compensation import LEAST_GAIN
-from ...policy.identifier.core import Loop as Identifier
+from ...policy.identifier.state import Loop as Identifier
 from ...policy.network.stages import NormaliseStage, PendulumStage, PlantStage, Stage
 from ...policy.numpy_backend.regulator import regulator_loop
 from ...policy.pendulum import PendulumPolicy

@@ -48,8 +48,11 @@ from ...plant.plant import Plant
 from ...plant.units import C1, scaled, scales_of, similar_plant
 from ..identifier import core as identifier
 from ..identifier.compensation import Load
-from ..identifier.core import Array, Found, IdentifierState
+from ..identifier.core import Found
 from ..identifier.settings import LONGEST_STEP, IdentifierSettings
+from ..identifier.state import Array, IdentifierState
+from ..identifier.state import Loop as IdentifierLoop
+from ..identifier.state import make_loop as identifier_loop
 from .settings import EstimatorSettings, kalman_gains, own_estimator
 
 RESET_SIGMAS = 100
@@ -81,7 +84,7 @@ class Loop(NamedTuple):
     """0 to the longest one (steps)."""
     gains: tuple[float, ...]
     """Kalman gains of a joint, row by row: from the misses of its angle and its rate to corrections of both."""
-    finding: identifier.Loop | None = None
+    finding: IdentifierLoop | None = None
     """Identifies the plant; None for the nominal model."""
     time_unit: float = 1.0
     """Unit of all other times (s); calls come with their time in seconds."""
@@ -98,7 +101,7 @@ def make_loop(
     s, plant, identifies = own_estimator(settings, scales), similar_plant(plant, scales), None
     if finding is not None:
         own = scaled(finding, C1.over(scales))
-        identifies = identifier.make_loop(plant, joint, s.dt, s.max_delay_steps, own)
+        identifies = identifier_loop(plant, joint, s.dt, s.max_delay_steps, own)
     delays, model = np.arange(s.max_delay_steps + 1.0), (lump(plant), plant.friction, None)
     gains = tuple(kalman_gains(s).ravel().tolist())
     return Loop(s, joint, model, delays, gains, identifies, scales.time)

@@ -37,81 +37,22 @@ Control 15, 1970).
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from ...plant.base_parameters import BASE, Geometry, friction_of, geometry_of, lumped, share_allowed
+from ...plant.base_parameters import BASE, friction_of, lumped, share_allowed
 from ...plant.damped import Friction
 from ...plant.equations import Lumped, Number, Pair
 from ...plant.maths import Maths
-from ...plant.momentum import momentum_rows
-from ...plant.plant import Plant
 from . import settings as chosen
 from .compensation import Load, compensation
+from .rows import columns
 from .settings import LAG, LOADS, POLES, UNKNOWNS
-
-Array = Any
-"""An array of NumPy or JAX; shapes are in the comments."""
+from .state import Array, IdentifierState, Loop
 
 EYE = np.eye(LOADS)
 """Faster than making a diagonal matrix at each call."""
-
-
-class Loop(NamedTuple):
-    """What an identifier knows of its loop."""
-
-    joint: int
-    """Index of the driven joint."""
-    period: float
-    """Nominal time between calls (s)."""
-    max_delay_steps: int
-    """Longest delay that the identifier is told (steps)."""
-    passive_limit: float
-    """Largest torque that compensates the undriven joint's friction (N m); 0 for none."""
-    geometry: Geometry
-    """What is known of the plant's lengths and gears."""
-    mean: Array
-    """θ of the nominal plant, no offsets, no lag, a gain of 1, and no loads where they are expected (n,)."""
-    covariance: Array
-    """Prior covariance (n, n)."""
-
-
-def make_loop(
-    plant: Plant, joint: int, period: float, max_delay_steps: int, settings: chosen.IdentifierSettings
-) -> Loop:
-    """What an identifier knows of a plant's loop, whose period (s) and longest delay (steps) are an estimator's."""
-    passive_limit = settings.passive_limit
-    return Loop(joint, period, max_delay_steps, passive_limit, geometry_of(plant), *chosen.prior(plant, settings))
-
-
-class IdentifierState(NamedTuple):
-    """What is remembered from call to call."""
-
-    angles: Array
-    """Measured angles (depth, 2) without jumps of full turns, newest first (rad)."""
-    torques: Array
-    """Commanded torques (past, 2), newest first (N m)."""
-    steps: Array
-    """Time for which each torque was held (past,) (s)."""
-    calls: Number
-    """Measurements since the last restart."""
-    delay_steps: Number
-    """The delay told last (steps), or ``age`` where that is more."""
-    missed: Array
-    """What the motion misses if angles have each age, from 0 on (ages,)."""
-    age: Number
-    """The angles' age (calls)."""
-    filtered: tuple[Array, ...]
-    """States of the low-passes: rows (2, 14) of both joints, with u̇, -v and u in the last columns."""
-    unknowns: Array
-    """θ, κ1 and κ2 (kg m), the lag (s), the gain of the undriven joint's motor, and loads (n,)."""
-    covariance: Array
-    """(n, n)"""
-    variance: Pair
-    """Variance of what each joint's row leaves unexplained (N² m²)."""
-    held: Pair
-    """Time for which each joint's row is still not used (s)."""
 
 
 class Found(NamedTuple):
@@ -282,7 +223,7 @@ def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
     steps = maths.window(state.steps, state.age, len(state.angles) - 1)
     # The loop's own period: a call that comes late now and then must not change the low-passes or the rows.
     step = maths.number(steps.min())
-    stages, weight = [_columns(maths, loop, state, steps, step)], -maths.expm1(-chosen.BANDWIDTH * step)
+    stages, weight = [columns(maths, loop, state, steps, step)], -maths.expm1(-chosen.BANDWIDTH * step)
     for stage in state.filtered:
         stages.append(stage + weight * (stages[-1] - stage))
     rows, unknowns, covariance = stages[-1], state.unknowns, state.covariance
@@ -305,37 +246,6 @@ def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
         variance=tuple(variances),
         held=tuple(holds),
     )
-
-
-def _columns(maths: Maths, loop: Loop, state: IdentifierState, steps: Array, step: Number) -> Array:
-    """The newest rows (2, 14): Y, u̇, -v and u, of the last steps (s), in a loop of a period (s)."""
-    joint, most = loop.joint, chosen.span(loop.period)
-    ages = maths.xp.concatenate([maths.xp.zeros(1, steps.dtype), maths.xp.cumsum(steps)])
-    # A slower loop than the nominal one fills the time of a row with fewer steps.
-    span = maths.place(maths.clip(most * loop.period / step, 1, most))
-    oldest, middle, newest = (maths.numbers(state.angles[place]) for place in (2 * span, span, 0))
-    acting = maths.window(state.torques, state.delay_steps, 2 * most)
-    peak, whole = (maths.number(ages[place]) for place in (span, 2 * span))
-    ratio = maths.xp.asarray(loop.mean[2] / loop.mean[3], steps.dtype)[()]
-    shoulder, elbow = momentum_rows(oldest, middle, newest, (whole - peak, peak), loop.geometry, ratio, maths)
-    mean, slope = hat_weights(maths.xp, steps, ages, peak, whole)
-    torques, rates = maths.numbers(mean.dot(acting)), maths.numbers(slope.dot(acting))
-    # A zero of this kind of number, since JAX stacks the rows.
-    none = 0.0 * torques[joint]
-
-    def of_one(at: int, value: Number) -> Pair:
-        return (value, none) if at == 0 else (none, value)
-
-    # What both joints' rows have of each unknown, in the unknowns' order; last the right side.
-    table = [
-        *zip(shoulder, elbow, strict=True),
-        of_one(joint, rates[joint]),
-        of_one(1 - joint, -torques[1 - joint]),
-    ]
-    if len(loop.mean) > UNKNOWNS:
-        table += [of_one(0, none + 1.0), of_one(1, none + 1.0), of_one(0, middle[0]), of_one(1, middle[1])]
-    first, second = zip(*table, of_one(joint, torques[joint]), strict=True)
-    return maths.vector([*first, *second]).reshape(2, len(loop.mean) + 1)
 
 
 def _update(
@@ -369,14 +279,3 @@ def _update(
     follow = -maths.expm1(-step / maths.where(seen > variance, chosen.RISE_TIME, chosen.FALL_TIME))
     noise = variance + follow * (seen - variance), maths.maximum(held, 0.0)
     return unknowns + gain * error, covariance - gain[:, None] * uncertain, noise
-
-
-def hat_weights(xp: Any, steps: Array, ages: Array, newer: Number, whole: Number) -> tuple[Array, Array]:
-    """Weights (n,) of the last n torques, newest first: for the hat's mean, and for its mean rate (1/s).
-
-    The torque is held over each step, and the hat is integrated over it. Durations of the steps (s) come newest
-    first; ages (n + 1,) are the times from their ends to the newest. The hat's peak is as old as ``newer``, its
-    beginning as ``whole``, which are two of the ages. Older torques have no weight.
-    """
-    hat = xp.maximum(xp.minimum(ages / newer, (whole - ages) / (whole - newer)), 0.0) / (0.5 * whole)
-    return 0.5 * (hat[1:] + hat[:-1]) * steps, hat[1:] - hat[:-1]
