@@ -42,7 +42,7 @@ def test_units_of_two_point_masses():
 def test_units_of_a_similar_pendulum(similar):
     found = scales_of(similar(LEADERBOARD.driven(ROBOTS["acrobot"])))
     # T ~ √(l/g), Γ ~ m l g.
-    assert dataclasses.astuple(found) == pytest.approx((0.5, 0.025, 0.25), rel=1e-12)
+    assert tuple(found) == pytest.approx((0.5, 0.025, 0.25), rel=1e-12)
     units = [found.of(unit) for unit in (VELOCITY, ACCELERATION, INERTIA, DAMPING)]
     assert units == pytest.approx([2.0, 4.0, 0.025 / 4, 0.025 / 2])
 

@@ -16,10 +16,7 @@ Numbers are written down for C.1, with their units in their fields' annotations:
 
 import dataclasses
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
-
-import numpy as np
 
 from ..common.errors import SwingupError
 from ..common.settings import notes
@@ -60,9 +57,8 @@ PLANT_UNITS = {
 """Units of a plant's numbers by name. Lengths keep their own: a longer arm of the same inertia moves alike."""
 
 
-@dataclass(frozen=True)
-class Scales:
-    """A pendulum's units as multiples of C.1's."""
+class Scales(NamedTuple):
+    """A pendulum's units as multiples of C.1's; a compiled program may take them as its arguments."""
 
     time: float
     """Unit of time, T."""
@@ -158,7 +154,7 @@ def scaled(record: RecordT, scales: Scales) -> RecordT:
 
 def _like(value: Any, factors: tuple[float, ...]) -> Any:
     """A factor, or an array of factors that leaves an array of single precision as it is."""
-    return factors[0] if len(factors) == 1 else np.array(factors, getattr(value, "dtype", float))
+    return factors[0] if len(factors) == 1 else value.__array_namespace__().array(factors, value.dtype)
 
 
 def _time_and_gravity(p: "Plant") -> tuple[float, float]:

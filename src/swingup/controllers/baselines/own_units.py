@@ -91,8 +91,8 @@ class InOwnUnits(AbstractController[tuple[Time, Any]]):
     """The plant's motor's (N m)."""
     coulomb: float
     """The driven joint's Coulomb friction, which is added to the torque (N m)."""
-    scales: Scales = eqx.field(static=True)
-    """The plant's units."""
+    scales: Scales
+    """The plant's units; not static, so that plants share a program."""
     robot: Robot = eqx.field(static=True)
 
     def init(self) -> tuple[Time, Any]:
