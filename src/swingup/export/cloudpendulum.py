@@ -38,6 +38,7 @@ class CloudPendulumController:
         self.robot, self.guard = controller.robot, controller.guard
         self._controller, self._clock = controller, clock
         for step in range(WARM_UP):
+            # At increasing times, which a guard asks for.
             controller(np.zeros(4), 0.002 * step)
         self.reset()
 

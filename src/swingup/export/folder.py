@@ -77,10 +77,12 @@ def export_folder(
         The entry's file.
     """
     check_export_name(name)
+    # It goes into a string of Python, and into tables with commas.
     if not username.isprintable() or any(sign in username for sign in '"\\,') or not 0 < len(username) <= 60:
         raise SwingupError(
             f"username {quoted(username)} does not fit an entry: use up to 60 letters, no quotes or commas"
         )
+    # The final move would replace a link by a folder.
     target, root = Path(os.path.realpath(folder)), resources.files("swingup")
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise SwingupError(f"{folder} is there already: name a folder that is new or empty")
@@ -93,6 +95,7 @@ def export_folder(
             package = made / PACKAGE.format(name=name)
             for file in (*_sources(root), "export/__init__.py", f"export/{form}.py"):
                 _write(package / file, root.joinpath(*file.split("/")).read_bytes())
+            # Not this package's own, which offers what the folder lacks.
             _write(package / "__init__.py", ABOUT.encode())
             _write(package / "policy.safetensors", source.read_bytes())
             _write(made / entry, _filled(f"{form}.py.txt", values | _entry_values(policy, username)))

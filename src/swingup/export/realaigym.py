@@ -51,6 +51,7 @@ class Filter:
 
     def get_filtered_state(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """What the controller sees for the measurement x (4,) after the torques u (2,)."""
+        # Copies: a foreign filter may keep or alter what it is given.
         seen = x.copy() if self._call is None else four_numbers(self._call(x.copy(), u)).copy()
         _keep((self.x_hist, x), (self.x_filt_hist, seen))
         return seen
@@ -138,6 +139,7 @@ class RealAIGymController:
         seen = self.filter.get_filtered_state(measured, self.u_hist[-1])
         compensation = friction(self._damping, self._coulomb, seen[2:], np.arctan)
         u = self._act(seen, t, measured, compensation)
+        # A stopped controller gives no compensation either.
         if self.fault is not None:
             compensation = np.zeros(2)
         _keep((self.x_hist, measured), (self.u_fric_hist, compensation), (self.u_grav_hist, NONE), (self.u_hist, u))
@@ -209,6 +211,7 @@ def _keep(*entries: tuple[list[np.ndarray], np.ndarray]) -> None:
     """Add to histories, which must not grow for ever."""
     for history, entry in entries:
         history.append(entry)
+        # Many at a time: a list moves all that stays at each deletion.
         if len(history) > 2 * KEPT:
             del history[:KEPT]
 

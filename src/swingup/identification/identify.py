@@ -117,10 +117,14 @@ def identify(
         judged = replace(judged, log=judged.log + len(recordings))
     else:
         judged, kept = hold_out(score_windows(recordings), windows)
+    # Both plants are judged on held-out motion, so that neither may have seen it: the start has its own delay and
+    # lag.
     start_fit = fit_start(problem, kept)
     solution = fit_all(problem, kept, start_fit)
     start_models = start_fit[numbers]
     share = _best_share(setting, solution, start_models, judged, numbers)
+    # The parameters that are handed out use all motion; the errors stay those of the fit that did not see what it
+    # is judged on.
     final = solution if tests or not len(kept) else refit(problem, windows, solution)
     share = min(share, _possible_share(final, start_fit, plant))
     solution, final = (
@@ -168,6 +172,8 @@ def _best_share(
         models = start + share * (solution.models[numbers] - start)
         return summarise(prediction_errors(setting, models, judged), [FIT_LENGTH])[f"{FIT_LENGTH:g}"].angle or 0.0
 
+    # Only a fit that is worse is pulled back: a share that is chosen on held-out motion makes the errors there
+    # look better than they are.
     if error(1.0) <= error(0.0):
         return 1.0
     return min(SHARES, key=error)
@@ -203,6 +209,7 @@ def _plant_and_domain(
         name: estimates.intervals.get(TITLES.get(name, name), (value, value)) for name, value in model.items()
     }
     loop = {name: list(ranges[name]) for name in ("offset1", "offset2")}
+    # A gain that was not fitted is 1 by convention, which says nothing of the motors.
     if ranges["gain1"] != (1.0, 1.0):
         loop |= {name: list(ranges["gain1"]) for name in ("gain1", "gain2")}
     return fitted, domain_of(fitted, ranges, loop | sensors(problem.recordings))

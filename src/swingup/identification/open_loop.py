@@ -79,6 +79,7 @@ def predict_log(recording: Recording, domain: Domain, name: str) -> OpenLoop:
     setting, start = integration_of(plant), _start(domain, vector_of(plant))
     # What the domain says is judged as it is; what it leaves open must not spoil the plant's errors.
     known = {each: float(start[INDEX[each]]) for each in LATENCY if _says(domain, each)}
+    # Without torques nothing is late.
     fitted = tuple(each for each in LATENCY if each not in known) if any(recording.driven) else ()
     problem = Problem(setting, start, [recording], [0], known)
     model = fit_start(problem, cut_windows(recording, FIT_LENGTH))[0] if fitted else start

@@ -50,6 +50,7 @@ def _content(p: Plant, ranges: Mapping[str, Range], narrowing: float) -> dict[st
     for name, (low, high) in spans.items():
         value = float(getattr(p, name))
         content[name] = [value + narrowing * min(low - value, 0.0), value + narrowing * max(high - value, 0.0)]
+    # Measured torques may be later than those that act, which a fit sees as a delay below 0. A loop has none.
     delay = (max(ranges["delay"][0], 0.0), max(ranges["delay"][1], 0.0))
     content["torque_limit"] = float(max(p.tl1, p.tl2))
     content["delay"] = list(delay)

@@ -73,6 +73,7 @@ def read_solution(
     for session in range(len(unknowns.place)):
         total, delay, lag = (name + _tail(session) for name in (DEAD_TIME, "delay", "lag"))
         found[total], sampled[total] = found[delay] + found[lag], sampled[delay] + sampled[lag]
+        # The draws let delay and lag exchange beyond their bounds (bootstrap.py), but no lag is below 0.
         sampled[lag] = np.maximum(sampled[lag], 0.0)
         if {delay, lag} & free:
             free.add(total)
@@ -81,6 +82,7 @@ def read_solution(
     ends = [0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL]
     intervals = {name: tuple(np.quantile(sampled[name], ends).tolist()) for name in found if name in free}
     determined = {name: _is_determined(name, found[name], intervals[name]) for name in intervals}
+    # Not A: of a known I1 + I2 + m2 l1² results have A - B, which I2 leaves open.
     determined |= {TITLES.get(name, name): True for name in problem.known if name != "A"}
     # Logs tell products of these, and a first session's torque gain is 1 by convention.
     determined |= dict.fromkeys(("m1", "m2", "r1", "r2", "I1"), False)
@@ -110,6 +112,7 @@ def _entries(unknowns: Unknowns, z: np.ndarray) -> np.ndarray:
 def _add_ratios(found: dict[str, float], sampled: dict[str, np.ndarray], free: set[str], seed: int) -> None:
     """Add ratios to m1 r1 + m2 l1, and widen what only its assumed value fixes."""
     first = TITLES["k"]
+    # One factor for all: without torques the equations hold as well for an arm of other masses and frictions.
     factor = np.exp(SCALE_SPREAD * np.random.default_rng(seed).normal(size=len(sampled[first])))
     for name in RATIOS:
         title = TITLES.get(name, name)

@@ -117,6 +117,8 @@ class Domain:
             ends = self.low.loop, self.high.loop
             return any(getattr(loop, name) != getattr(PERFECT_LOOP, name) for loop in ends for name in names)
 
+        # A driver's velocity has no steps: where a file says nothing else, an encoder's steps speak for
+        # differences.
         chosen, quantised = self.low.loop.velocities, may_have("quantum1", "quantum2")
         differences = quantised if chosen is None else chosen == "differences"
         return Effects(
@@ -204,6 +206,7 @@ def make_domain(content: Mapping[str, Any], name: str = "DOMAIN.yml", folder: st
         )
         for end in (0, 1)
     )
+    # The middle is known once both ends are.
     made = Domain(low, high, tuple(ranges), plant, plant, name)
     return dataclasses.replace(made, design=design or made.nominal_plant)
 
@@ -239,6 +242,7 @@ def _range(name: str, value: Any) -> tuple[float, float]:
     if len(ends) != 2 or len(numbers) != 2:
         raise SwingupError(f"{name} = {quoted(value)} must be a number, or a range [low, high]")
     low, high = numbers
+    # Negated, so that NaN is refused as well.
     if not low <= high:
         raise SwingupError(f"{name} = [{low:g}, {high:g}] must be a range from low to high")
     allowed = VALUES.get(name)

@@ -94,9 +94,11 @@ def sagging_limits(loop: Loop, limits: Torque, command: Torque, rates: Torque) -
 
 def held_steps(loop: Loop, step: Count, phase: Scalar, dt: float | Scalar) -> Count:
     """Steps since the last new sample, 0 outside of gaps, for a phase in (0, 1) and steps of dt (s)."""
+    # Both branches are computed, also without gaps.
     every = 1.0 / jnp.maximum(loop.dropouts, 1e-9)
     within = jnp.mod(step * dt + phase * every, every)
     held = jnp.floor(within / dt).astype(int) + 1
+    # A part of a step more, as in ``whole_steps``: rounding may lose one.
     return jnp.where((loop.dropouts > 0) & (held * dt <= loop.dropout + 1e-4 * dt), held, 0)
 
 

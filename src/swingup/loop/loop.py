@@ -97,6 +97,7 @@ class Loop:
     """Length of a gap (s)."""
     spoilt: Annotated[Number, Range(0.0, 1.0)] = 0.0
     """Share of measurements that are NaN."""
+    # No number: it decides which program is compiled.
     velocities: str | None = dataclasses.field(default=None, metadata={"static": True})
     """One of :data:`VELOCITIES`; None for differences where an angle has a quantum, and the drivers elsewhere."""
 

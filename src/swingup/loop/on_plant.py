@@ -57,6 +57,7 @@ def drawn_around(plant: PlantLike, share: float = 0.1) -> Domain:
     """A domain around a guess: masses and inertias are off by a share, friction and rotors by five times that."""
     found = load_plant(plant)
     off = dict.fromkeys(("m1", "m2", "I1", "I2"), share)
+    # At most all of it: no friction is below 0.
     off |= dict.fromkeys(("b1", "b2", "cf1", "cf2", "Ir"), min(1.0, 5.0 * share))
     ends = {name: (1.0 - off.get(name, 0.0), 1.0 + off.get(name, 0.0)) for name in found.values()}
     values = {name: [value * end for end in ends[name]] for name, value in found.values().items()}

@@ -92,6 +92,7 @@ def _known(
 
 def _refuse_both(given: Mapping[str, float], *names: str) -> None:
     both = [name for name in names if name in given]
+    # The others do not exclude one another: tl1 and tl2 may both be given.
     if len(both) > 1 and names[0] in both:
         raise SwingupError(f"{' and '.join(both)} say the same: give one of them")
 

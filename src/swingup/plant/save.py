@@ -58,10 +58,12 @@ def representative(base: Mapping[str, float], start: Plant) -> Plant:
     shoulder = base["A"] - base["B"]
     # Bodies in a simulation have no geared rotors: a part of the elbow's inertia is theirs (``without_rotors``).
     least = INERTIA_MARGIN * base["m2r2"] ** 2 / (base["B"] - gear * base["Ir"])
+    # Link 1 keeps a part of the inertia and of the moment, so that both stay positive.
     most = min(0.95 * shoulder / l1**2, 0.98 * base["k"] / l1)
     # Where link 2 is too heavy for its inertia, the masses cannot be consistent: the equations still hold.
     m2 = float(np.clip(start.m2, least, most)) if 0 < least < most else most
     rest, I1 = base["k"] - m2 * l1, shoulder - m2 * l1**2
+    # At a given m1 r1, m1 r1² falls with m1: heavy enough, link 1 can be built.
     m1 = max(float(start.m1), INERTIA_MARGIN * rest**2 / I1)
     found = Plant(
         m1=m1, m2=m2, l1=l1, l2=float(start.l2), r1=rest / m1, r2=base["m2r2"] / m2, I1=I1, I2=base["B"],

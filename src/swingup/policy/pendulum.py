@@ -54,8 +54,10 @@ class PendulumPolicy:
         if self.identifier is not None:
             if self.estimator is None:
                 raise SwingupError("identifier without an estimator: add estimator, {} for its defaults")
+            # Made for its errors: it refuses a plant whose offsets nothing tells.
             prior(self.plant)
         if self.regulator is not None:
+            # So is this one: it refuses a plant that the regulator cannot hold.
             fixed_point(similar_plant(self.plant, scales_of(self.plant)), self.robot.joint)
 
     @property
@@ -101,6 +103,7 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
         limit = finite_number("torque_limit", metadata["torque_limit"], 1e-6, 1e6, "N m")
         plant = read_plant(metadata[PLANT], ROBOTS[name])
         motor = plant.limit(ROBOTS[name].joint)
+        # Every back end cuts at the motor's limit: the policy would never run as it was trained.
         if limit > motor:
             raise SwingupError(f"torque_limit = {limit:g} N m is above its plant's motor's, {motor:g}: lower it")
         return PendulumPolicy(

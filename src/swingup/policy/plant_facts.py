@@ -68,6 +68,7 @@ def plant_difference(
     if identified is None:
         one, other = one | _bases(made_for), other | _bases(plant)
     limit = made_for.limit(robot.joint)
+    # Where a number is 0, the change itself counts.
     changes = {
         name: (other[name] - value) / (limit if name.startswith("friction") else abs(value) or 1.0)
         for name, value in one.items()

@@ -61,6 +61,7 @@ class Entry:
             begin = time.perf_counter()
             given = self._call(state)
         else:
+            # Before the clock starts: a robot's loop has its array.
             measured = np.array(x)
             begin = time.perf_counter()
             given = self._call(x=measured, t=t)
@@ -108,6 +109,7 @@ def main() -> None:
     connection = Connection(int(sys.argv[3]))
 
     def send(answer: dict[str, Any]) -> None:
+        # A foreign controller's name or reason may be an object of any kind.
         connection.send_bytes(json.dumps(answer, default=str).encode())
 
     doing = "its import"
@@ -126,6 +128,7 @@ def main() -> None:
                 send(entry.answer(t, x))
     except FolderError as fault:
         send({"fault": f"it {fault}"})
+    # All of them: an exit would otherwise look like a crash.
     except BaseException as error:
         send({"fault": f"{doing} raised {type(error).__name__} ({str(error)[:LONGEST_TEXT]})"})
 

@@ -67,6 +67,7 @@ class PacedController:
     def __init__(self, inner: FolderController, process: FolderProcess, dt: float) -> None:
         """Wrap a folder's controller, for periods of dt (s) or what the simulation's clock says."""
         self._inner, self._process, self._dt = inner, process, dt
+        # The first period begins when it is asked for.
         self._begin, self._time = -math.inf, 0.0
         self._held, self._busy = np.zeros(2), False
 

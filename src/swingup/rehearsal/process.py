@@ -50,7 +50,9 @@ class FolderProcess:
             raise SwingupError("a rehearsal needs a POSIX system to share a connection: run it on Linux or macOS")
         self._calling, self._doing = calling, "its import"
         self._connection, theirs = multiprocessing.Pipe()
+        # As on a robot: no paths from this environment, this package not beside the program, no caches written.
         command = [sys.executable, "-E", "-P", "-B", str(Path(__file__).with_name("child.py")), str(folder.entry)]
+        # Closed here once the child has it: else its end would not show as the end of the connection.
         with theirs:
             # Prints go to standard error: standard output may be this program's JSON. In a session of its own: an
             # interrupt from the keyboard is for the rehearsal, which ends the process.
@@ -76,6 +78,7 @@ class FolderProcess:
 
     def close(self) -> None:
         """End the process, whatever it does."""
+        # A folder may ignore anything milder.
         self._process.kill()
         self._process.wait()
         self._connection.close()
@@ -92,6 +95,7 @@ class FolderProcess:
         Without ``wait`` the answer must come.
         """
         end = self._sent + self._calling
+        # Also without time left: an answer that is there must not count as missed.
         if wait is not None and time.perf_counter() + wait < end and not self._connection.poll(max(0.0, wait)):
             return None
         answer = self._answer(end, self._calling)

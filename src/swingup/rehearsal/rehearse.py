@@ -74,6 +74,7 @@ def rehearse(
     every = check_seeds(seed, (1 if single else SEEDS) if seeds is None else seeds)
     found = find_folder(folder)
     with FolderProcess(found, simulated_clock=not real_time, calling=calling) as process:
+        # What the folder says decides the setting, and a fault in it shows before anything is compiled.
         facts = process.facts
     board = dataclasses.replace(board, domain=board.domain or SIM2REAL.domain)
     setting = make_setting(_robot(robot, facts["robot"], found), board, plant, domain)
@@ -81,6 +82,7 @@ def rehearse(
     if facts["limits"] is not None:
         limits = Limits(facts["limits"]["angle"], facts["limits"]["speed"])
         board = dataclasses.replace(board, limits=limits)
+    # As the judge draws them.
     with jax.enable_x64(True):
         cases = board.cases(setting, every)
     runs, timings, stops, first = list[Run](), list[Timing](), list[dict[str, Any] | None](), None
@@ -90,6 +92,7 @@ def rehearse(
             stop = process.guard_report()["stopped"]
         counted = recorded(rows, board.duration)
         run = board.score(case, counted, None, stopped_at(rows, board.duration))
+        # The board has the guard's limits: it found a motion beyond one by itself.
         if stop is not None and run.tip is not None and run.tip.cause != "beyond a limit":
             run = dataclasses.replace(run, tip=dataclasses.replace(run.tip, failure=stop["why"], cause="stopped"))
         runs.append(run)

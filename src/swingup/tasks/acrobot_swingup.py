@@ -188,7 +188,9 @@ def winnable_starts(key: Key, number: int, longest: int, even: float) -> Float[A
     """
     keys = jax.random.split(key, 9)
     paths = 4096
+    # A quarter of the paths always gives energy where it can, and a quarter never does so on purpose.
     giving = jnp.clip(jax.random.uniform(keys[0], (paths,), minval=-0.5, maxval=1.5), 0.0, 1.0)
+    # Torques that last from one step to a hundred: fast swings and slow ones.
     changing = 10.0 ** jax.random.uniform(keys[1], (paths,), minval=-2.0, maxval=0.0)
     strength = jnp.sqrt(jax.random.uniform(keys[2], (paths,)))
 
@@ -197,6 +199,7 @@ def winnable_starts(key: Key, number: int, longest: int, even: float) -> Float[A
         change, draw, give = jax.random.split(key, 3)
         drawn = jax.random.uniform(draw, (paths,), minval=-1.0, maxval=1.0)
         level = jnp.where(jax.random.bernoulli(change, changing), drawn, level)
+        # At rest the sign of a rate says nothing.
         gives = jax.random.bernoulli(give, giving) & (jnp.abs(x[:, 3]) > 0.5)
         u2 = CAPSULES.tl2 * strength * jnp.where(gives, jnp.sign(x[:, 3]), level)
         u = jnp.stack([jnp.zeros(paths), u2], axis=-1)

@@ -69,6 +69,7 @@ class AbstractAdaptedTask(AbstractTask[AdaptedState]):
 
     def made_step(self, state: AdaptedState, last: Any, reward: Any, ends: tuple[Any, Any]) -> Step[AdaptedState]:
         """A step of the observation before any reset, ``last``, and whether it is terminated and truncated."""
+        # Some packages return numbers, or arrays of one entry.
         terminated, truncated = (jnp.asarray(end, bool).reshape(()) for end in ends)
         return Step(state, _flat(last), jnp.asarray(reward, jnp.float32).reshape(()), terminated, truncated)
 
@@ -120,6 +121,7 @@ def shape_of_observation(observation: Any, name: str) -> tuple[int, ...]:
     shape = attribute(observation, "shape")
     if shape is None or 0 in shape:
         raise SwingupError(f"{name} shows {one_line(observation, 100)}: make it one array with an entry")
+    # One row of bytes may well be a state: a game's memory.
     if observation.dtype == np.uint8 and len(shape) > 1:
         raise SwingupError(
             f"observations {one_line(observation, 100)} of {name} are images, which these networks cannot see: "

@@ -71,6 +71,7 @@ class BraxTask(AbstractAdaptedTask):
         timed_out = jnp.any(
             jnp.array([_flag(after.info[name]) for name in TIME_LIMITS if name in after.info], bool)
         )
+        # Both packages set ``done`` at a time limit, too.
         ends = done & ~timed_out, timed_out
         return self.made_step(AdaptedState(after, seen), seen, after.reward, ends)
 

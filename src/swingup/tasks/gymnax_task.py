@@ -79,6 +79,8 @@ class GymnaxTask(AbstractAdaptedTask):
         """One step of the environment."""
         name, resets = f"{type(self.env).__name__}.{self.method}", self.method == "step"
         answer = getattr(self.env, self.method)(key, state.inner, self.actions(action), self.params)
+        # Observation, state, reward, both ends and information; ``step_env`` leaves the truncation to
+        # ``is_truncated``.
         length = 6 if resets else 5
         if not isinstance(answer, tuple) or len(answer) != length:
             got = f"{len(answer)} values" if isinstance(answer, tuple) else f"a {type(answer).__name__}"

@@ -46,7 +46,9 @@ def short_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> PendulumTask:
 def global_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> RecoveryTask:
     """The smooth task's pendulum, to be back up soon: mostly after throws, also from anywhere and from hanging."""
     smooth, random = _smooth(robot, plant), np.random.default_rng(STARTS_SEED)
+    # 14,000 of 20,000: the board of global policies throws its pendulums.
     thrown = thrown_states(random, smooth.parameters, 14_000)
+    # Of all sizes: slow motions would be rare among normally distributed velocities of 10 rad/s.
     rates = random.uniform(0, 10, (3000, 1)) * random.normal(size=(3000, 2))
     anywhere = np.concatenate([random.uniform(-np.pi, np.pi, (3000, 2)), rates], axis=1)
     hanging = 0.05 * random.normal(size=(3000, 4))

@@ -49,6 +49,7 @@ def space_actions(space: Any) -> SpaceActions:
         counts, kind = np.asarray(counts), np.dtype(attribute(space, "dtype", np.int32))
         if counts.size == 0 or counts.min() < 1:
             raise SwingupError(f"{shown} are empty: give them a choice")
+        # Gymnasium's discrete spaces may count from another number than 0.
         start = np.broadcast_to(np.asarray(attribute(space, "start", 0)), counts.shape)
         return SpaceActions(counts.shape, kind.name, tuple(map(int, counts.ravel())), start, start)
     if any(attribute(space, name) is None for name in ("low", "high", "shape")):

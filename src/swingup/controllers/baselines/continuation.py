@@ -97,6 +97,7 @@ def continue_swingups(
     targets = _checked(targets)
     number = np.size(targets.m1)
     found, steps = nominal_swingups(robot, number, settings, nominal), np.full(number, settings.first_step)
+    # The bounds are numbers of C.1's swing-up.
     if nominal != LEADERBOARD:
         settings = _bounds_about(found, settings)
     for _ in range(settings.rounds):

@@ -67,6 +67,7 @@ class MPC(AbstractExpensiveController[Plan]):
         torque = jax.lax.dynamic_slice_in_dim(jnp.asarray(self.torque), start, steps)
         # The published code compares the plan's last state with the trajectory a step after it.
         tracking = settings.tracking.cost(states[:-2], torque, states[-1])
+        # Both costs are computed: members of a batch may be at different rows.
         upright = settings.upright.cost(np.tile(UPRIGHT, (steps, 1)), np.zeros(steps), UPRIGHT)
         cost = jax.tree.map(lambda a, b: jnp.where(on_track, a, b), tracking, upright)
         return solve(self.transition, cost, x, guess, settings.settings, idle).torque

@@ -89,6 +89,7 @@ def tvlqr(
     # Forward Euler, as the published TVLQR discretises.
     dt, u, disturbances, (Q, R, Qf) = reference.dt, reference.torque, None, weights
     if friction:
+        # Firmer than the published ones, whose trajectory friction would leave.
         Q, R = STATE_WEIGHT * Q, TORQUE_WEIGHT * R
         (other,) = (each for each in ROBOTS.values() if each != robot)
         _, D = linearised(parameters, other, reference.states, np.zeros_like(u))

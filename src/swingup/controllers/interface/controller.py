@@ -94,6 +94,7 @@ def split(controller: AbstractController[Any]) -> tuple[Any, Any]:
 
     The rest is static: it is compiled into the program.
     """
+    # Numbers as well: controllers that differ in them alone share a program.
     return eqx.partition(controller, eqx.is_array_like)
 
 

@@ -229,6 +229,7 @@ def _searched(
             break
     gains = np.asarray(_gains(pendulum, longer.pendulum_cost(steps, search.final), x, u))
     place = np.arange(longer.steps) * steps / longer.steps
+    # Torques and gains hold over a coarse step; the states change within it.
     held = place.astype(int)
     states = np.stack([np.interp(place, np.arange(steps + 1), column) for column in x.T], axis=1)
     # Where the torque's rate is the input, the settings limit the rate: the torque has the motor's own limit.

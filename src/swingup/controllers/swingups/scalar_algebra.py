@@ -24,6 +24,7 @@ def unpack(array: Any) -> Vector:
 def times(a: Number, b: Number) -> Number:
     """A product in which a literal 0 or 1 is left out."""
     for factor, other in ((a, b), (b, a)):
+        # Literals alone: a traced number may be NaN, which 0 must not hide.
         if isinstance(factor, float) and factor in (0.0, 1.0):
             return other if factor == 1.0 else 0.0
     return a * b

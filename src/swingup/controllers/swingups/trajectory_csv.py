@@ -67,6 +67,7 @@ def load_reference_csv(path: str | Path, robot: Robot | str) -> Reference:
     dt = float(time[-1] / (len(time) - 1))
     if not np.allclose(time, dt * np.arange(len(time)), rtol=0, atol=SPACING_TOLERANCE):
         raise SwingupError(f"{path}: its times are not evenly spaced from 0 on: resample it")
+    # A swing-up of the other robot drives this joint.
     passive = 1 - robot.joint
     if np.any(torques[:, passive] != 0):
         raise SwingupError(f"{path} has torque on the passive joint {passive + 1}: it is not for the {robot.name}")

@@ -180,6 +180,7 @@ def regulator_data(loop: Regulator) -> Data:
         "ENTER_COULOMB": settings.enter_coulomb,
         "LEAVE_COULOMB": settings.leave_coulomb,
         "state_weights": np.array(regulator.Q),
+        # Without the row and the column that NumPy's regulator has for the torque.
         "cost_to_go": loop.start[:4, :4],
     }
 

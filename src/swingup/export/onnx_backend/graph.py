@@ -41,6 +41,7 @@ def onnx_model(policy: PendulumPolicy) -> bytes:
     features = graph.cast(features, onnx.TensorProto.FLOAT)
     for layer in network.trunk:
         features = graph.add("Relu", _hidden(graph, layer, features))
+    # A single row in double precision costs little, and the torque keeps its digits.
     head, features = network.head, graph.cast(features, onnx.TensorProto.DOUBLE)
     action = graph.add(
         "Tanh", graph.gemm(features, head.weight.astype(float), graph.constant(head.bias.astype(float)))

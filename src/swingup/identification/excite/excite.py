@@ -97,8 +97,10 @@ class Excitation:
         table = np.column_stack([self.time, self.state, acceleration, self.torque])
         names = ["time", *(f"{each}{joint}" for each in ("pos", "vel", "acc", "tau") for joint in (1, 2))]
         columns = dict(zip(names, table.T, strict=True))
+        # The loop that plays the file knows one matrix K a row; each motor here sees its own joint alone.
         for joint in (0, 1):
             gains = np.zeros(4)
+            # K multiplies the state minus the motion, the feedback the motion minus the state.
             gains[[joint, 2 + joint]] = -self.feedback[:, joint]
             columns |= {f"K{joint + 1}{entry + 1}": np.full(len(table), gains[entry]) for entry in range(4)}
         write_columns(path, columns)
@@ -132,6 +134,7 @@ def excite(
     limits, plant = _limits(domain, joint, torque, speed, angle), domain.nominal_plant
     length = INTERVAL * round(finite_number("duration", duration, *DURATIONS, "s") / INTERVAL)
     drawn = draw_models(domain, CHECKED_PLANTS, whole_number("seed", seed, 0, 2**32 - 1))
+    # Steps twice as long change predictions by 1e-4 rad (prediction.py), nothing beside how far the plants differ.
     setting, models = integration_of(plant).coarse, np.concatenate([drawn, corner_models(domain)])
     frequency = scales_of(plant).scaled(NATURAL_FREQUENCY, VELOCITY)
     motions = multisines(length, frequency, min(limits.angle, np.pi), np.array(JOINTS[joint]))
@@ -163,6 +166,7 @@ def _within_limits(
 ) -> list[Excitation]:
     """Each motion as strong as the limits allow on all models; without those that are too fast even when small."""
     feedback, torque, found = _feedback(setting, models[0]), np.array(limits.torque), []
+    # The torques are those of a motion under feedback in any case; played alone, they lack its corrections.
     played = np.zeros((2, 2)) if alone else feedback
     for strength in STRENGTHS:
         rest = np.zeros((*motions.shape[:2], 2))

@@ -60,6 +60,7 @@ def draw_models(domain: Domain, count: int, seed: int) -> Float[np.ndarray, "cou
 
 def corner_models(domain: Domain) -> Float[np.ndarray, "corners 15"]:
     """Models of the plants at the ends of the domain's ranges, with the largest torque gains."""
+    # A motor that delivers more than it is asked for moves the arm furthest.
     highest = {name: high for name, _, high in domain.ranges if name in ("gain1", "gain2")}
     return np.stack([_model(domain, highest, plant) for plant in domain.corners()])
 

@@ -34,6 +34,7 @@ def draw_solutions(fit: Fit, windows: Segments, seed: int = 0) -> Float[np.ndarr
     """Solutions z for other logs and blocks that might have been recorded."""
     random = np.random.default_rng(seed)
     unknowns, count = fit.unknowns, len(fit.z)
+    # One number for each block of each log: no log lasts a million seconds.
     numbers = windows.log * 1_000_000 + np.floor(windows.start / BLOCK).astype(int)
     _, first, blocks = np.unique(numbers, return_index=True, return_inverse=True)
     normal, gradient = _by_block(fit, blocks, len(first))
@@ -59,6 +60,7 @@ def draw_solutions(fit: Fit, windows: Segments, seed: int = 0) -> Float[np.ndarr
 def _by_block(fit: Fit, blocks: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Normal matrix and gradient of each block and kind of error, with the weights of the robust loss."""
     _, kinds, unknowns = fit.jacobian.shape
+    # rho' of the loss in fit.py: what the fit hardly listened to must not widen the intervals.
     robust = 1.0 / np.sqrt(1.0 + fit.residual**2)
     normal, gradient = np.zeros((count, kinds, unknowns, unknowns)), np.zeros((count, kinds, unknowns))
     for block in range(count):
@@ -89,6 +91,7 @@ def _without_leverage(normal: np.ndarray, gradient: np.ndarray, prior: np.ndarra
 
 def _step(matrix: np.ndarray, slope: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """The least of ½ δᵀ matrix δ + slopeᵀ δ within bounds."""
+    # Most draws keep the bounds by themselves, and this is far faster than the bounded problem.
     step: np.ndarray = np.linalg.solve(matrix, -slope)
     if np.all((step >= low) & (step <= high)):
         return step

@@ -146,6 +146,7 @@ def find_columns(recording: Recording, setting: Integration, start: Float[np.nda
     singles = [((each,), scan.solve((each,))) for each in conventions]
     best: Sequence[Convention]
     best, found = min(singles, key=lambda each: each[1].cost)
+    # There are hundreds of pairs: they are tried where no single convention explains the motion.
     if min(plain.unexplained, found.unexplained) > SUSPICIOUS_SHARE:
         pairs = (pair for pair in itertools.combinations(conventions, 2) if pair[0].group != pair[1].group)
         # A command's age hardly matters to what is told here.
@@ -197,11 +198,14 @@ class _Scan:
         reading = self.reading(conventions)
         if self.too_fast(conventions):
             return Solution({}, 1.0, 1e6, bounded=True)
+        # Shifts as points of the circle, where those that differ by a turn are equal.
         numbers = [reading.angles.ravel(), np.exp(1j * reading.shift), (reading.torques * self.moving).ravel()]
         sign = 1.0 if reading.angles[0].sum() > 0 else -1.0
         mirrored = [sign * numbers[0], numbers[1] if sign > 0 else numbers[1].conj(), sign * numbers[2]]
+        # Adding 0 makes 0 of -0, whose bytes differ.
         key = np.round(np.concatenate(mirrored), 6) + 0.0
         found = self.solved.get(key.tobytes())
+        # Pairs are solved for one age alone: such a solution does not serve where all ages are asked for.
         if found is None or ages > 1:
             setting, spans, start, driven = self.given
             found = self.solved[key.tobytes()] = regress(setting, spans, start, driven, reading, ages)
@@ -227,6 +231,7 @@ def remedy(recording: Recording, reading: Reading) -> tuple[str, ...]:
     sources = recording.sources
     words: list[str] = []
     for names in recording.pairs:
+        # Velocities may follow another reading than the angles: how they relate to the slopes decides.
         if names[0].startswith("vel"):
             words += _velocity_words(recording, names, reading.angles)[0]
             continue
@@ -316,6 +321,7 @@ def _check_foreign(
     least, largest = (FOREIGN_SHARE, UNPREDICTED_SHARE) if driven else FREE_FALL
     if plain.unexplained < least:
         return None
+    # What a plant predicts well has the right columns, whatever the regression leaves unexplained.
     predicted = prediction_skill(recording, setting, start, plain.values) < largest
     if not driven and (plain.bounded or not predicted):
         return Finding(
@@ -333,6 +339,7 @@ def mass_notes(problem: Problem, model: Float[np.ndarray, "15"], recording: Reco
     """Masses that are far from the starting plant's, all by one factor where torques have another unit."""
     ratios = {name: float(model[INDEX[name]] / problem.start[INDEX[name]]) for name in MASSES[:4]}
     first, second = ratios["k"], ratios["m2r2"]
+    # One common factor speaks of the torques, unequal ones of another pendulum.
     factor, unequal = math.sqrt(first * second), max(first / second, second / first)
     if (
         not problem.driven

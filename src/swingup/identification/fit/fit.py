@@ -146,6 +146,7 @@ class Evaluator:
             states, derivatives = predict_with_jacobian(self.setting, models[session], windows.take(rows))
             errors[rows] = states - windows.states[rows, 1:]
             slopes[rows] = derivatives @ self.unknowns.derivative(int(session))
+        # A window that diverges is bad, but has no direction in which it would be better.
         bad = ~(np.isfinite(errors) & np.isfinite(slopes).all(axis=-1))
         errors[bad], slopes[bad] = LARGEST_ERROR, 0.0
         return errors, slopes
@@ -180,6 +181,7 @@ def spreads(windows: Segments, errors: Float[np.ndarray, "windows outputs 4"]) -
     for log in np.unique(windows.log):
         rows = windows.log == log
         if rows.sum() >= LEAST_WINDOWS:
+            # Within bounds, so that no log is ignored and none decides alone.
             sigma[rows] *= np.clip(1.48 * np.median(size[rows] / common), 0.5, 3.0)
     return sigma
 

@@ -62,6 +62,7 @@ def integration_of(p: Plant) -> Integration:
     steps twice as long, predictions over 0.25 s change by 1e-4 rad, a third of the angles' quantum.
     """
     scale = min(1.0, math.sqrt(float(p.l1 + p.l2) / 0.5 * 9.81 / float(p.g)))
+    # A whole number of steps of the torques' grid, whose sums are then exact at both ends of a step.
     step = TORQUE_STEP * min(2, max(1, round(0.001 * scale / TORQUE_STEP)))
     return Integration(geometry_of(p), COULOMB_STEEPNESS * scale, step)
 
@@ -125,6 +126,7 @@ def _compiled(setting: Integration, outputs: int, derivatives: bool) -> Callable
         return predict_window(setting, outputs, model, start, impulse)
 
     def both(model: Array, start: Array, impulse: Array) -> Array:
+        # Forwards, since a window has more outputs than the model has entries.
         pushed = functools.partial(jax.jvp, lambda each: rollout(each, start, impulse), (model,))
         states, slopes = jax.vmap(lambda tangent: pushed((tangent,)), out_axes=(None, -1))(jnp.eye(len(NAMES)))
         return jnp.concatenate([states[..., None], slopes], axis=-1)
@@ -169,6 +171,7 @@ def acting_torques(
     a = setting.step / lag
     after = jnp.exp(-a * jnp.arange(memory))
     weights = jnp.concatenate([(1.0 - (1.0 - jnp.exp(-a)) / a)[None], (1.0 - jnp.exp(-a)) ** 2 / a * after])
+    # What the lag remembers beyond its memory would otherwise be lost, and with it torque.
     weights = weights / weights.sum()
     rows = jnp.arange(steps)[:, None] + memory - jnp.arange(memory + 1)
     return jnp.einsum("k,skj->sj", weights, mean[rows])

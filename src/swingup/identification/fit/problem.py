@@ -67,6 +67,7 @@ class Problem:
             return [*loop]
         # Without torques, one base parameter stands for the common factor of all.
         base = [name for name in BASE_NAMES if name != "k" or self.has_scale]
+        # The first session's gain is the unit of all masses, unless a known mass is.
         gain = driven and (session > 0 or self.knows_mass)
         return [*base, "offset1", "offset2", *(["gain1"] if gain else []), *loop]
 
@@ -76,6 +77,7 @@ def known_entries(known: Mapping[str, float] | None) -> dict[str, float]:
     entries = {}
     for name, value in (known or {}).items():
         entry = KNOWN[one_of("known value", name.replace(" ", ""), KNOWN)]
+        # As wide as the bounds of the fit (unknowns.py).
         least = 1e-9 if entry in (*MASSES[:4], "gain1") else -0.015 if entry == "delay" else 0.0
         most = {"delay": 0.025, "lag": 0.015}.get(entry, 1e3)
         entries[entry] = max(finite_number(name, value, least, most), LEAST_LAG if entry == "lag" else least)

@@ -111,6 +111,7 @@ def regress(
     """
     problem = _Problem(setting, spans, start, driven, reading)
     impulses = np.diff(spans.impulse.reshape(len(spans), len(AGES), 2, 2), axis=2)[:, :, 0] @ reading.torques.T
+    # 4 ms first, the usual age: where one age is enough, it is this one.
     order = (1, 0, 2, 3)[:ages] if driven else (0,)
     return min((problem.solve(impulses[:, age]) for age in order), key=lambda solution: solution.cost)
 
@@ -147,6 +148,7 @@ class _Problem:
             found = np.clip(self.centre + self.spread * deviation, self.low, self.high)
             errors = np.einsum("nij,nj->ni", white, impulse - self.rows @ found)
             distance = np.sqrt(np.mean(errors**2, axis=1))
+            # A span that errs by more than three times the median counts less, such as one with a push.
             robust = 1.0 / np.sqrt(1.0 + (distance / (3.0 * np.median(distance) + 1e-9)) ** 2)
             size = float(np.mean((errors * robust[:, None]) ** 2))
         white, logarithm = self._whitener(found)
@@ -166,6 +168,7 @@ class _Problem:
         left = np.append(right - matrix @ self.centre, np.zeros(BASE))
         deviation: np.ndarray = np.linalg.solve(rows.T @ rows, rows.T @ left)
         low, high = (self.low - self.centre) / self.spread, (self.high - self.centre) / self.spread
+        # Bounds rarely matter, and a scan solves hundreds of readings.
         if np.any(deviation < low) or np.any(deviation > high):
             deviation = lsq_linear(rows, left, (low, high), method="bvls").x
         return deviation
@@ -194,6 +197,7 @@ def _expected(setting: Integration, start: np.ndarray, driven: bool) -> tuple[np
     low = np.where(masses, centre / LARGEST_FACTOR, 0.0)
     high = np.where(masses, centre * LARGEST_FACTOR, np.inf)
     if not driven:
+        # Without torques the equations give ratios alone: this parameter stays. The solver refuses equal bounds.
         k = INDEX["k"]
         low[k], high[k] = 0.999 * centre[k], 1.001 * centre[k]
     return low, high, centre, spread

@@ -84,6 +84,7 @@ def hold_out(everything: Segments, windows: Segments) -> tuple[Segments, Segment
     free = np.ones(len(windows), bool)
     for log in np.unique(judged.log):
         held, starts = judged.start[judged.log == log], windows.start[:, None]
+        # Windows overlap: one that shares any time with a judged one has seen its motion.
         apart = (starts + FIT_LENGTH <= held) | (starts >= held + LENGTH)
         free &= (windows.log != log) | apart.all(axis=1)
     return judged, windows.take(free)
@@ -112,6 +113,7 @@ def prediction_skill(
     windows, output = score_windows([recording]), round(FIT_LENGTH / INTERVAL)
     if not len(windows):
         return np.inf
+    # As many as one call of the compiled program predicts.
     windows = windows.take(np.linspace(0, len(windows) - 1, min(len(windows), CHUNK)).astype(int))
     other = start.copy()
     other[[INDEX[name] for name in values]] = list(values.values())

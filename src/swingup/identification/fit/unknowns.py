@@ -90,7 +90,9 @@ def expectations(setting: Integration, start: Float[np.ndarray, "15"], commanded
     m = dict(zip(NAMES, start, strict=True))
     geometry = setting.geometry
     torque = 0.05 * geometry.g * m["k"]
+    # 2 √(g/l): the speed at the bottom after a fall from upright, of a point on a rod of about the arm's length.
     speed = 2.0 * math.sqrt(geometry.g / (geometry.l1 + m["B"] / m["m2r2"]))
+    # Through the gear such a rotor adds a tenth to the elbow's inertia.
     rotor = max(m["Ir"], 0.1 * m["B"] / geometry.gr**2)
     found = {name: Expectation(m[name], m[name], 1.0, 0.1 * m[name], 10.0 * m[name]) for name in MASSES[:4]}
     found["Ir"] = Expectation(m["Ir"], rotor, 2.0, 0.0, m["Ir"] + 10.0 * rotor)
@@ -125,6 +127,7 @@ def make_unknowns(
         fixed[:, _places(name)] = value
     for session, names in enumerate(free):
         for name in names:
+            # The plant is the same in all sessions: the first one brings it.
             if name in known or (name in BASE_NAMES and session > 0):
                 continue
             place[slice(None) if name in BASE_NAMES else session, _places(name)] = len(rows)

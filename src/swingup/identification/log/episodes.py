@@ -94,6 +94,7 @@ def cut_episodes(
     jumps = _jumps(time[rows], q[rows], longest)
     shifted = time.copy()
     for jump in jumps:
+        # More than the longest step between rows, so that all that follows takes it for a gap.
         shifted[rows[jump] + 1 :] += 1.5 * longest
     notes = []
     if dropped:
@@ -115,6 +116,7 @@ def _jumps(time: np.ndarray, q: np.ndarray, longest: float) -> np.ndarray:
     slopes = np.diff(q, axis=0) / steps[:, None]
     padded = np.pad(slopes, ((near, near), (0, 0)), mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * near + 1, axis=0)
+    # Medians, since one bad angle spoils two slopes beside it.
     before, after = np.median(windows[..., :near], axis=-1), np.median(windows[..., near + 1 :], axis=-1)
     jumps = np.abs(slopes - 0.5 * (before + after)) * steps[:, None]
     least = np.maximum(

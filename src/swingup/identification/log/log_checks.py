@@ -108,6 +108,7 @@ def find_warnings(
         if measured is not None and peak > 0:
             delivered = float(np.abs(measured[:, joint]).max())
             at_most = float(np.mean(np.abs(measured[:, joint]) > 0.98 * delivered))
+            # A motor that saturates stands at its peak; one that is slow passes through it.
             if delivered < 0.8 * peak and at_most > 0.05:
                 found.append(
                     f"{name}: motor {label} delivers at most {delivered:.3g} of {peak:.3g} N m: clip the log's "

@@ -134,6 +134,7 @@ def read_recording(
     time, q, fresh = time[kept], q[kept], fresh[kept]
     dq, commands, measured = (None if each is None else each[kept] for each in (dq, commands, measured))
     dq = _differences(time, q) if dq is None else dq
+    # Measured torques stand in for commands that a log lacks.
     commanded = commands is not None and "tau_meas1" not in _names(values, _COMMANDS)
     u = np.zeros_like(q) if commands is None else np.nan_to_num(commands)
     if commanded and (pushes := _first(values, _PUSHES)) is not None:

@@ -66,6 +66,7 @@ def cut_windows(
     The first window starts one stride after the first row. The impulse is given ``TORQUE_STEP`` apart, from
     ``HISTORY`` before the start to ``AHEAD`` after the end.
     """
+    # The smoother needs rows to both sides of a window.
     last = recording.duration - length - REACH
     starts = stride * np.arange(1, max(1, int(last / stride + 1e-9) + 1))
     offsets = INTERVAL * np.arange(round(length / INTERVAL) + 1)
@@ -96,6 +97,7 @@ def cut(
     for begin, end in zip(recording.time[gaps], recording.time[gaps + 1], strict=True):
         # The smoother looks beyond both ends.
         starts = starts[(end <= starts - reach) | (begin >= starts + length + reach)]
+    # Before the states and impulses, which are far more numbers, of segments that are then left out.
     speeds = np.abs(_smoothed(recording, starts[:, None] + looks)[..., 2:]).max(axis=(1, 2), initial=0.0)
     starts = starts[speeds > least_speed]
     states = _smoothed(recording, starts[:, None] + offsets)

@@ -98,11 +98,13 @@ class Cell(AbstractSupervisor[CellMemory]):
         """Begin, continue or end a disturbance at time t (s)."""
         given, settings = self.disturbances, self.settings
         number = jnp.asarray(given.kick).shape[0]
+        # Behind the last one the index stays there: that nothing begins any more is seen below.
         index = jnp.minimum(memory.done, number - 1)
         target, kick = jnp.asarray(given.target)[index], jnp.asarray(given.kick)[index]
         anywhere, moves = jnp.asarray(given.anywhere)[index], jnp.asarray(given.kick)[index] == 0
         at_goal = self._near(x, jnp.asarray(UPRIGHT[:2], x.dtype))
         passed = memory.clock + (t - memory.t)
+        # Away from the goal, the time there starts again.
         waited = jnp.where(anywhere | at_goal, passed, 0.0)
         wait = jnp.where(anywhere, settings.anywhere, settings.at_goal)
         begins = ~memory.active & (memory.done < number) & (waited >= wait)
@@ -114,6 +116,7 @@ class Cell(AbstractSupervisor[CellMemory]):
         push = jnp.where(active & ~moves & ~stopped, kick * jnp.asarray(SHOULDER, x.dtype), 0.0)
         torque = jnp.where(stopped, end.torque, self._position_control(x, target))
         after = CellMemory(memory.done + ends, active, clock, jnp.asarray(t, memory.t.dtype), stopped)
+        # A kick is added, and the controller drives on; a move takes both joints.
         return after, Intervention((active & moves) | stopped, torque, push, stopped)
 
     def _near(self, x: State, target: Float[Array, "2"]) -> Flag:

@@ -37,6 +37,7 @@ class Stop(AbstractSupervisor[Flag]):
 
     def __call__(self, memory: Flag, t: Scalar, x: State) -> tuple[Flag, Intervention]:
         """Brake from the first state beyond the limits on."""
+        # For good: a robot that has stopped does not start by itself.
         stopped = memory | self.limits.exceeded(x)
         return stopped, Intervention(stopped, brake(x), jnp.zeros_like(x[:2]), stopped)
 

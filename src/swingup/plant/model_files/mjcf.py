@@ -147,6 +147,7 @@ def _defaults(root: Element) -> dict[str, dict[str, dict[str, str]]]:
             read(each, own, (each.get("class", ""),))
 
     for top in root.findall("default"):
+        # The outermost class is called main, whatever its own name.
         read(top, found[MAIN], (MAIN, top.get("class", MAIN)))
     return found
 
@@ -169,6 +170,7 @@ def _read_motors(root: Element, reading: _Reading) -> float:
             reading.notes.append(f"of <{element.tag}> {name} only the force range is read")
         if given.text("dyntype", "none") != "none":
             reading.notes.append(f"left out: the dynamics of <{element.tag}> {name}")
+        # MuJoCo has ten parameters, of which the first is 1 by default; so it is with the gear.
         gain = float(given.numbers("gainprm", np.eye(1, 10)[0], 1)[0]) if element.tag == "general" else 1.0
         # The sign of a gear says which way the motor turns, which a symmetric limit does not show.
         ratio = abs(float(given.numbers("gear", np.eye(1, 6)[0], 1)[0])) or 1.0
@@ -247,6 +249,7 @@ def _body(element: Element, parent: int | None, frame: Frame, usual: str, readin
         )
     if inertial is not None:
         body.parts.append(_stated_part(Attributes(inertial.attrib, f"<inertial> of {quoted(name)}"), reading))
+    # What is fixed to a link may mark its tip.
     if hinges == [] and parent is not None:
         body.marks.append((name, np.zeros(3)))
     return replace(body, hinge=hinges[0] if hinges else None)
@@ -270,6 +273,7 @@ def _read_geom(element: Element, within: Frame, usual: str, reading: _Reading, b
     if given.number("contype", 1.0) or given.number("conaffinity", 1.0):
         reading.collides = True
     low, high = reading.compiler.numbers("inertiagrouprange", (0, 5))
+    # Water, as in MuJoCo.
     weighs = given.number("density", 1000.0) if "mass" not in given.values else _mass(given)
     counts = counts and weighs != 0 and low <= given.number("group", 0.0) <= high and shape not in FLAT
     if shape not in SIZES or "mesh" in given.values:
@@ -321,6 +325,7 @@ def _hinge(element: Element, within: Frame, usual: str, reading: _Reading) -> Hi
     if _is_limited(given, "limited", "range", reading) and reading.has("limit", "constraint"):
         low, high = reading.degree * given.numbers("range", (0, 0))
         reading.notes.append(f"left out: the stops of joint {quoted(name)} at {low:.4g} and {high:.4g} rad")
+    # In a file with motors a joint without one is passive; without any the file does not say.
     limit = reading.limits.get(name, 0.0 if reading.limits else math.inf)
     limit = min(limit, _end_of(given, "actuatorfrc", reading))
     return Hinge(

@@ -21,9 +21,11 @@ def inertia(shape: str, sizes: np.ndarray, mass: float) -> np.ndarray:
     """The inertia (3, 3) about the centre, in the shape's axes (kg m²)."""
     if shape in ("capsule", "cylinder"):
         radius, half = sizes
+        # By their share of the volume.
         ends = radius / (radius + 1.5 * half) * mass if shape == "capsule" else 0.0  # both half spheres
         rod = mass - ends
         along = 0.5 * rod * radius**2 + 0.4 * ends * radius**2
+        # The centre of a half sphere lies 3/8 of its radius beyond the end of the rod.
         across = rod * (radius**2 / 4 + half**2 / 3) + ends * (0.4 * radius**2 + half**2 + 0.75 * half * radius)
         return np.diag([across, across, along])
     squares = np.square(np.broadcast_to(sizes, 3))

@@ -141,6 +141,7 @@ def _transmissions(root: Element) -> tuple[float, dict[str, float]]:
             for each in element.iter(tag):
                 text = each.get("value", (each.text or "").strip())
                 numbers[tag] = Attributes({"value": text}, f"<{tag}>").number("value", 1.0)
+        # Its sign says which way the motor turns, which a symmetric limit does not show.
         gear = abs(numbers.get("drake:gear_ratio", numbers.get("mechanicalReduction", gear))) or 1.0
         if joint is not None:
             driven[joint.get("name", "")] = gear**2 * numbers.get("drake:rotor_inertia", 0.0)

@@ -182,6 +182,7 @@ def observe(
     ahead = maths.choose(after.delay_steps > 0, lambda: _ahead(maths, loop, after, time, model), after.state)
     seen = maths.choose(kept & maths.finite(ahead), lambda: ahead, x)
     shown = maths.where(lost, math.nan * measured, measured)
+    # In a gap the identifier is shown NaN, so that its motion begins anew.
     identified = _identify(maths, loop, after, in_time, pause, shown)
     return after._replace(time=t, sample=sample, gap=gap, identified=identified), seen
 
@@ -239,6 +240,7 @@ def _follow(
     follows = maths.where(lost, 0.0, 1.0)
     gains, torque = tuple(follows * each for each in loop.gains), maths.number(state.torques[state.delay_steps])
     predicted = step(maths, loop, model, state.state, (torque,), dt)
+    # In a gap the measurement may be NaN, which 0 times it would not remove.
     miss = maths.choose(lost, lambda: 0.0 * predicted, x - predicted)
     angles, rates = maths.nearest(miss[:2]), miss[2:]
 
@@ -247,6 +249,7 @@ def _follow(
     bank_angles = bank_angles + dt * bank_rates + 0.5 * dt**2 * extra
     bank_rates = bank_rates + dt * extra
 
+    # Angles alone: the delay shows there, and velocities are noisy.
     squares = (angles - bank_angles) ** 2
     far = (squares[:, 0] + squares[:, 1]) / OUTLIER_SCALE**2
     evidence = math.exp(-loop.settings.dt / EVIDENCE_TIME) * state.evidence + xp.log1p(far)

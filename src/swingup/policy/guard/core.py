@@ -67,6 +67,8 @@ class Guard:
         asked = u.tolist()
         for joint in (0, 1):
             if not math.isfinite(asked[joint]):
+                # Short of an estimator nothing can be computed from a broken measurement: the last torques are
+                # held.
                 if self._lost:
                     return np.array(self._torques)
                 self._stop(Fault(Reason.TORQUE, self._time, joint, asked[joint]))
@@ -109,6 +111,7 @@ class Guard:
             return Fault(Reason.CLOCK, t, -1, pause)
         if not first and pause > self.settings.longest_gap:
             return Fault(Reason.LATE, t, -1, pause)
+        # A loop that calls twice at one time must not stop the gaps from growing.
         self._step = self.settings.dt if first or pause == 0 else pause
         return self._unsound(t, x, first)
 
@@ -133,6 +136,7 @@ class Guard:
             if not finite[i] and self._gaps[i] > borne:
                 return Fault(Reason.NOT_FINITE, t, i, x[i] if not math.isfinite(x[i]) else x[i + 2])
         for i in (0, 1):
+            # Where a joint is not finite, this is its sample before, which was within the limits.
             if abs(angle := self._sample[i]) > s.angle_limit:
                 return Fault(Reason.ANGLE, t, i, angle)
             if abs(rate := self._sample[i + 2]) > s.velocity_limit:

@@ -102,6 +102,7 @@ class GuardSettings:
     def __post_init__(self) -> None:
         """Refuse what cannot work."""
         check_ranges(self)
+        # Every call would be late.
         if self.longest_gap < self.dt:
             raise SwingupError(
                 f"guard setting longest_gap = {self.longest_gap:g} is below dt = {self.dt:g}: raise it"
@@ -133,4 +134,5 @@ def choose_guard(choice: GuardChoice, own: GuardSettings | None, dt: float | Non
         return own if choice is None else None
     if isinstance(choice, GuardSettings):
         return choice
+    # A caller's mapping is read as a file's entry is, with the same errors.
     return own or default_guard(dt) if choice is True else read_settings({GUARD: choice}, GuardSettings)

@@ -141,6 +141,7 @@ def observe(
     xp, dt, before, first = maths.xp, loop.period, state, state.calls == 0
     newest = state.angles[0] + maths.nearest(q - state.angles[0])
     angles = xp.concatenate([newest[None], state.angles[:-1]])
+    # The time before the first call means nothing, and a step of 0 would make infinite rates.
     step = maths.where(first, dt, maths.maximum(step, chosen.SHORTEST_STEP * dt))
     steps = xp.concatenate([maths.vector([step]), state.steps[:-1]])
     missed, age = _age(maths, state, angles, steps)
@@ -159,6 +160,7 @@ def observe(
     state = state._replace(
         angles=maths.choose(first, lambda: xp.broadcast_to(q, angles.shape), angles),
         steps=steps,
+        # Bounded, since a run may last for days, and more is not asked for.
         calls=maths.minimum(calls, len(angles) + len(state.torques)),
         delay_steps=delay_steps,
         missed=missed,
@@ -210,10 +212,12 @@ def _age(maths: Maths, state: IdentifierState, angles: Array, steps: Array) -> t
     xp, whole, ages = maths.xp, len(state.angles) - 1, len(state.missed)
     rate1, rate2 = maths.numbers((angles[0] - angles[whole]) / steps[:whole].sum())
     bend1, bend2 = maths.numbers(angles[0] - 2 * angles[1] + angles[2])
+    # A constant rate bends the path by what one step is longer than the one before.
     longer = steps[:ages] - steps[1 : ages + 1]
     now = xp.log1p(((bend1 - rate1 * longer) ** 2 + (bend2 - rate2 * longer) ** 2) / chosen.UNEVEN_STEP**2)
     missed = chosen.UNEVEN_FADING * state.missed + maths.where(state.calls > whole, now, 0.0)
     likely = xp.argmin(missed).astype(state.age.dtype)
+    # Not at once: each change of the age empties the low-passes.
     surer = missed[state.age] - missed[likely] > chosen.AGE_CAUTION
     return missed, maths.where(surer, likely, state.age)
 
@@ -236,7 +240,8 @@ def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
         variances.append(variance)
         holds.append(held)
     prior_variance = maths.xp.asarray(loop.covariance, covariance.dtype).diagonal()
-    # No less sure than at the start: the drift must not exceed the prior.
+    # Friction warms up and offsets shift: without a drift old motion would outweigh all that comes. No less sure
+    # than at the start: the drift must not exceed the prior.
     drift = chosen.DRIFT**2 * step * prior_variance * (covariance.diagonal() < prior_variance)
     return state._replace(
         filtered=tuple(stages[1:]),

@@ -17,8 +17,10 @@ def columns(maths: Maths, loop: Loop, state: IdentifierState, steps: Array, step
     # A slower loop than the nominal one fills the time of a row with fewer steps.
     span = maths.place(maths.clip(most * loop.period / step, 1, most))
     oldest, middle, newest = (maths.numbers(state.angles[place]) for place in (2 * span, span, 0))
+    # The torques of a row begin as old as its angles or older: what acted then was asked for before.
     acting = maths.window(state.torques, state.delay_steps, 2 * most)
     peak, whole = (maths.number(ages[place]) for place in (span, 2 * span))
+    # ρ of the nominal plant (``plant/momentum.py``): with the unknowns' own the rows would not be linear.
     ratio = maths.xp.asarray(loop.mean[2] / loop.mean[3], steps.dtype)[()]
     shoulder, elbow = momentum_rows(oldest, middle, newest, (whole - peak, peak), loop.geometry, ratio, maths)
     mean, slope = hat_weights(maths.xp, steps, ages, peak, whole)

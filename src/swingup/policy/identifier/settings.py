@@ -124,6 +124,7 @@ def prior(plant: Plant, settings: IdentifierSettings | None = None) -> tuple[np.
             f"a plant with m1 r1 + m2 l1 = {first:g} and m2 r2 = {second:g} kg m gives an identifier nothing to "
             "find the offsets by: give both links a centre of mass off their joint, or leave the identifier out"
         )
+    # The unknowns are offsets times moments, in which the rows are linear.
     others = OFFSET_DEVIATION * first, OFFSET_DEVIATION * second, LAG_DEVIATION, GAIN_DEVIATION, *loads
     covariance[range(BASE, size), range(BASE, size)] = np.square(others)
     return mean, covariance
@@ -134,6 +135,7 @@ def offsets(tilt1: Any, tilt2: Any, theta: Any, clip: Callable[[Any, float, floa
 
     The tilts are κ1 and κ2 (kg m).
     """
+    # κ2 belongs to the angle of link 2 in space, which both offsets spoil.
     both = clip(tilt2 / theta[2], -MOST_OFFSET, MOST_OFFSET)
     first = clip(tilt1 / theta[3], -MOST_OFFSET, MOST_OFFSET)
     return first, both - first

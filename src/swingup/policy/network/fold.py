@@ -35,5 +35,6 @@ def fold(network: Network, base: np.ndarray) -> Network:
 
 def _absorb(layer: Layer, inputs: np.ndarray) -> Layer:
     """The layer without its last inputs, which are constant."""
+    # In double precision, in which a policy that is told its plant adds the same.
     added = layer.weight[:, -BASE:].astype(np.float64) @ inputs
     return Layer(layer.weight[:, :-BASE], layer.bias + added)

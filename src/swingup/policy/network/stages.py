@@ -139,10 +139,9 @@ def arrays_of(kind: type[Stage]) -> tuple[str, ...]:
 
 def make_stage(entry: Any, arrays: Mapping[str, np.ndarray]) -> Stage:
     """A stage from its entry in the metadata and its arrays, by their names without the prefix."""
-    name = one_of("observation stage", entry.get("name", entry) if isinstance(entry, Mapping) else entry, STAGES)
+    name = one_of("observation stage", entry.get("name", entry) if isinstance(entry, Mapping) else [entry], STAGES)
     kind = STAGES[name]
-    given = {key: value for key, value in entry.items() if key != "name"} if isinstance(entry, Mapping) else entry
-    values = read_values(given, kind.PART, kind)
+    values = read_values({key: value for key, value in entry.items() if key != "name"}, kind.PART, kind)
     for key in arrays_of(kind):
         if key not in arrays:
             raise SwingupError(f"stage {name!r} lacks its array {key}")

@@ -49,6 +49,7 @@ class NumpyPolicy:
     def reset(self) -> None:
         """Forget the run so far."""
         if self.loop is not None:
+            # From the first call on there is a plant to act for: the prior's.
             self.state = estimator.begin(NUMPY, self.loop)
             self._tell()
         if self._regulator is not None:
@@ -89,6 +90,7 @@ class NumpyPolicy:
             if self._regulated.acting:
                 return self._scales.scaled(float(torque), TORQUE)
         if self.found is not None:
+            # The network sees a plant in its own units, as it was trained.
             self._network.tell(self._base_units * self.found.told)
         return self._network(x * self._state_units)
 

@@ -44,6 +44,7 @@ class RegulatorSettings:
     def __post_init__(self) -> None:
         """Refuse what cannot work."""
         check_ranges(self)
+        # Else it would give up as soon as it has taken over.
         if self.leave < self.enter:
             raise SwingupError(
                 f"regulator setting leave = {self.leave:g} is below enter = {self.enter:g}: use one from there on"
@@ -68,6 +69,7 @@ def fixed_point(plant: Plant, driven: int) -> np.ndarray:
         try:
             found = solve_riccati(a, np.outer(b, b) / R, np.diag(Q))
         except np.linalg.LinAlgError:
+            # Both ways in which a plant has no fixed point get the same sentence.
             found = np.full((4, 4), np.nan)
     if not np.isfinite(found).all():
         raise SwingupError("the regulator cannot hold its plant upright: correct the plant, or leave it out")
