@@ -323,7 +323,7 @@ def test_the_best_trial_becomes_settings(tmp_path, searched):
     assert best.value == pytest.approx(5.5 - abs(math.log10(rate) + 3.0))
     assert 1e-4 <= rate <= 1e-2
     assert chosen["policy_layers"] in [[8], [16, 8]]
-    assert f"--learning-rate {rate}" in command
+    assert f"--learning-rate={rate}" in command
     assert json.loads((tmp_path / "best.json").read_text())["command"] == command
 
 

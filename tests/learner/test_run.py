@@ -93,7 +93,7 @@ def test_policies_say_where_they_come_from(finished):
     _, metadata = lone_policy(folder / "last.safetensors", training.settings.task().robot)
     assert metadata["frames"] == 640
     assert metadata["command"].startswith(
-        "swingup train acrobot --preset default --frames 640 --seed 0 --num-envs 4"
+        "swingup train acrobot --preset=default --frames=640 --seed=0 --num-envs=4"
     )
     assert metadata["hyperparameters"]["num_envs"] == 4
     assert 0.0 <= metadata["scores"]["v2"]["score"] <= training.best_score
@@ -167,12 +167,12 @@ def test_no_more_is_lost_than_was_said(tmp_path, every):
 
 def test_the_command_makes_the_same_settings():
     usual = dataclasses.replace(SETTINGS, config=get_preset("default").config, **PENDULUM_INTERVALS)
-    assert usual.command(64) == "swingup train acrobot --preset default --frames 64 --seed 0"
+    assert usual.command(64) == "swingup train acrobot --preset=default --frames=64 --seed=0"
     changed = dataclasses.replace(usual, robot=None, env="a.b:C-v0", preset="mujoco", evaluation_episodes=2)
     changed = dataclasses.replace(changed, evaluate_every=64, config=get_preset("mujoco").config)
     assert changed.command(64) == (
-        "swingup train --env a.b:C-v0 --preset mujoco --frames 64 --seed 0 --evaluate-every 64 "
-        "--checkpoint-every 1048576 --evaluation-episodes 2"
+        "swingup train --env=a.b:C-v0 --preset=mujoco --frames=64 --seed=0 --evaluate-every=64 "
+        "--checkpoint-every=1048576 --evaluation-episodes=2"
     )
     passed_in = dataclasses.replace(changed, env="<a.C>", checkpoint_every=262_144, evaluation_episodes=5)
     assert passed_in.command(64) == (
@@ -337,7 +337,7 @@ def test_settings_keep_their_plant():
     again = run_settings_from_dict(json.loads(json.dumps(settings.as_dict())))
     assert again == settings
     assert again.plant.name == "B.0, frictionless"
-    assert "--plant B.0 --frictionless" in again.command(64)
+    assert "--plant=B.0 --frictionless" in again.command(64)
     task = again.task()
     assert task.parameters == plant.driven("acrobot")
     assert task.dt == pytest.approx(0.01 * 1.08687, abs=1e-7)

@@ -12,6 +12,7 @@ from ..benchmark.seeds import check_seeds
 from ..common.checks import one_of
 from ..common.errors import SwingupError
 from ..common.files import check_writable, write_atomically
+from ..common.text import command_line
 from ..controllers.baselines.baselines import BASELINES, DESIGN_SEED, design_of, shipped_reference
 from ..controllers.baselines.own_units import in_real_units
 from ..controllers.swingups.reference import save_reference
@@ -27,7 +28,6 @@ from ..policy.plant_facts import write_plant
 from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_policy, shipped_file
 from .arguments import NO_PLANT, OptionalRobot, PlantOptions, plant_of, word_of
 from .output import tell
-from .parsing import command_line
 
 TRAJECTORY = "trajectory"
 FORMS = (*FOLDERS, "onnx", "c", TRAJECTORY)

@@ -9,16 +9,16 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from ..benchmark.board import AbstractBoard
-from ..benchmark.boards import BOARDS
+from ..benchmark.boards import BOARDS, get_board
 from ..benchmark.grid import change_grid
 from ..benchmark.judge import judge, make_setting
 from ..benchmark.leaderboard import DEFAULT_BOARDS, leaderboard
 from ..benchmark.robustness_board import RobustnessBoard
 from ..benchmark.score import score
 from ..benchmark.trajectory_file import load_trajectory, save_trajectory
-from ..common.checks import one_of
 from ..common.errors import SwingupError
 from ..common.files import check_writable, write_atomically
+from ..common.text import command_line
 from ..controllers.interface.call_time import call_time, slow_call
 from ..controllers.interface.check import check_controller
 from ..controllers.registry import designs_for, get_controller
@@ -50,7 +50,6 @@ from .arguments import (
     plant_of,
 )
 from .output import foreign_prints_apart, tell, tell_json
-from .parsing import command_line
 from .progress import Progress
 from .results import result_lines
 
@@ -162,7 +161,7 @@ def _boards(names: Sequence[str], criteria: Sequence[str] = (), grid: Sequence[s
     """Boards by name, with other criteria and another grid for robustness."""
     boards = []
     for name in names:
-        board = BOARDS[one_of("board", name, BOARDS)]
+        board = get_board(name)
         if isinstance(board, RobustnessBoard):
             for text in grid:
                 board = change_grid(board, text)

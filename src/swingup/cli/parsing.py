@@ -82,20 +82,6 @@ def program_typed() -> str:
     return PROGRAM if found and Path(found).resolve() == started.resolve() else shlex.quote(str(started))
 
 
-def command_line(*words: str, **options: Any) -> str:
-    """A command that can be typed, without the options that are None or empty."""
-    typed = [PROGRAM, *words]
-    for name, value in options.items():
-        option = name.replace("_", "-")
-        if isinstance(value, bool):
-            typed.append(f"--{option}" if value else f"--no-{option}")
-        elif isinstance(value, tuple):
-            typed += [f"--{option}", *value] if value else []
-        elif value is not None:
-            typed.append(f"--{option}={value}")
-    return shlex.join(typed)
-
-
 def value_of(make: Callable[..., Any], metavar: str, words: Any = 1) -> PrimitiveConstructorSpec[Any]:
     """How tyro makes a value from so many words; a SwingupError of ``make`` is the command's.
 

@@ -13,7 +13,7 @@ from ..benchmark.judge import judge
 from ..benchmark.seeds import check_seeds
 from ..common.errors import SwingupError
 from ..common.files import check_writable, write_atomically
-from ..common.text import duration
+from ..common.text import command_line, duration
 from ..common.version import __version__
 from ..controllers.registry import get_controller
 from ..controllers.stack.controller import policy_alone
@@ -41,7 +41,6 @@ from .arguments import (
     word_of,
 )
 from .output import tell
-from .parsing import command_line
 from .progress import Progress
 from .results import result_lines
 from .showing import train_shown

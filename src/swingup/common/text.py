@@ -1,6 +1,8 @@
 """Foreign values in messages: one line, printable and short, whatever their ``repr`` does."""
 
 import reprlib
+import shlex
+from typing import Any
 
 LONGEST_QUOTE = 60
 """Characters that a message quotes of a value."""
@@ -41,3 +43,17 @@ def duration(seconds: float) -> str:
     if seconds < 99.5:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 99.5 * 60 else f"{seconds / 3600:.1f} h"
+
+
+def command_line(*words: str, **options: Any) -> str:
+    """A command of swingup that can be typed, without the options that are None or empty."""
+    typed = ["swingup", *words]
+    for name, value in options.items():
+        option = name.replace("_", "-")
+        if isinstance(value, bool):
+            typed.append(f"--{option}" if value else f"--no-{option}")
+        elif isinstance(value, tuple):
+            typed += [f"--{option}", *map(str, value)] if value else []
+        elif value is not None:
+            typed.append(f"--{option}={value}")
+    return shlex.join(typed)

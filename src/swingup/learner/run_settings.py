@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +11,7 @@ from ..areapo.config import Config, config_from_dict
 from ..common.arrays import write_json
 from ..common.checks import one_of, whole_number
 from ..common.errors import SwingupError
-from ..common.text import one_line, quoted
+from ..common.text import command_line, one_line, quoted
 from ..common.version import __version__
 from ..plant.plant import FRICTIONLESS, LEADERBOARD, SHIPPED_PLANTS, Plant, is_plant_name, load_plant, make_plant
 from ..plant.robots import ROBOTS, get_robot
@@ -111,11 +110,12 @@ class RunSettings:
         passed_in = is_description(self.name)
         if passed_in or not _is_named(self.plant):
             return self._call(frames) + (f"  # env: {self.name}" if passed_in else "")
-        task = self.robot if self.env is None else f"--env {shlex.quote(self.env)}"
-        words = [f"swingup train {task} --preset {self.preset} --frames {frames} --seed {self.seed}"]
-        words += [] if self.plant == LEADERBOARD else _plant_options(self.plant)
-        words += [] if self.seeds == 1 else [f"--seeds {self.seeds}"]
-        return " ".join(words + [_option(name, value) for name, value in self._changed().items()])
+        options = {"env": self.env, "preset": self.preset, "frames": frames, "seed": self.seed}
+        if self.plant != LEADERBOARD:
+            name = self.plant.name.removesuffix(FRICTIONLESS)
+            options |= {"plant": name, "frictionless": True if name != self.plant.name else None}
+        options |= {"seeds": None if self.seeds == 1 else self.seeds, **self._changed()}
+        return command_line("train", *([self.robot] if self.robot else []), **options)
 
     def _call(self, frames: int) -> str:
         words = ["env" if is_description(self.name) else repr(self.name)]
@@ -147,11 +147,6 @@ def _is_named(plant: Plant) -> bool:
         return is_plant_name(name)
     shipped = load_plant(name)
     return plant == (shipped if name == plant.name else shipped.frictionless())
-
-
-def _plant_options(plant: Plant) -> list[str]:
-    name = plant.name.removesuffix(FRICTIONLESS)
-    return [f"--plant {shlex.quote(name)}", *([] if name == plant.name else ["--frictionless"])]
 
 
 def _in_python(plant: Plant) -> str:
@@ -254,10 +249,3 @@ def describe_env(env: Any) -> str:
 def is_description(name: str) -> bool:
     """Whether a name only describes an environment, which cannot be made from it."""
     return name.startswith("<")
-
-
-def _option(name: str, value: Any) -> str:
-    flag = name.replace("_", "-")
-    if isinstance(value, bool):
-        return f"--{flag}" if value else f"--no-{flag}"
-    return f"--{flag} {' '.join(map(str, value)) if isinstance(value, tuple) else value}"

@@ -64,10 +64,9 @@ def resume_run(folder: str | Path, frames: int | None = None, env: Any = None) -
     """
     settings, goal = read_run_settings(Path(folder))
     goal = whole_number("frames", goal if frames is None else frames, 1)
-    place, backend = RunFolder(folder), make_backend(settings, env)
-    state, metadata = place.load_checkpoint(state_shapes(backend))
-    check_actions(metadata.get("actions", {}), backend.evaluator.actions)
-    progress = read_progress(state, metadata, settings, f"the newest checkpoint in {place.checkpoints}")
+    place = RunFolder(folder)
+    source = f"the newest checkpoint in {place.checkpoints}"
+    backend, progress = _restored(settings, place.load_checkpoint, source, env)
     run = Run(settings, backend, progress, goal, place)
     if frames is not None and goal < run.frames:
         raise SwingupError(f"frames = {goal}, but {folder} stands at {run.frames} already: ask for more")
@@ -92,16 +91,17 @@ def restore_run(
     Raises:
         SwingupError: the snapshot cannot be read or is of another configuration.
     """
-    backend = make_backend(settings, env)
-    state, metadata = load(state_shapes(backend))
-    check_actions(metadata.get("actions", {}), backend.evaluator.actions)
-    progress = read_progress(state, metadata, settings, source)
+    backend, progress = _restored(settings, load, source, env)
     return Run(settings, backend, progress, max(1, progress.iterations * settings.config.rollout_size), None)
 
 
-def state_shapes(backend: AbstractBackend) -> LearnerState:
-    """Shapes and types of a back end's state."""
-    return jax.eval_shape(backend.init)
+def _restored(
+    settings: RunSettings, load: Callable[[LearnerState], Snapshot], source: str, env: Any
+) -> tuple[AbstractBackend, TrainingProgress]:
+    backend = make_backend(settings, env)
+    state, metadata = load(jax.eval_shape(backend.init))
+    check_actions(metadata.get("actions", {}), backend.evaluator.actions)
+    return backend, read_progress(state, metadata, settings, source)
 
 
 def make_backend(settings: RunSettings, env: Any = None) -> AbstractBackend:

@@ -9,9 +9,9 @@ import jax
 import numpy as np
 
 from ..benchmark.boards import HARDWARE
+from ..benchmark.judge import judge
 from ..benchmark.result import Result
-from ..benchmark.rollout import Scenario, Trajectory
-from ..benchmark.runner import prepare, run_one
+from ..benchmark.rollout import Trajectory
 from ..benchmark.score import score
 from ..common.errors import SwingupError
 from ..controllers.registry import designs_for, get_controller
@@ -21,7 +21,6 @@ from ..identification.log.recording import Recording, read_recording
 from ..identification.log.segments import Segments, cut_windows
 from ..identification.open_loop import OpenLoop, predict_log, predicted_curves
 from ..loop.domain import Domain
-from ..loop.draw import draw
 from ..loop.on_plant import loop_around
 from ..plant.robots import Robot, get_robot
 from .inputs import driven_robot
@@ -134,11 +133,10 @@ def close_loop(
     Plant and loop are drawn from the domain's ranges.
     """
     board = replace(HARDWARE, duration=min(recording.duration, LONGEST_RUN))
-    with jax.enable_x64(True):
-        scenario = Scenario(*draw(domain, jax.random.key(seed), robot), substeps=domain.substeps)
-    simulated = run_one(prepare(controller, robot, name), scenario, board.dt, board.steps, domain.depth)
+    run = judge(controller, robot, replace(board, domain=domain.name), 1, seed=seed, name=name, domain=domain)
+    simulated, plant = run.trajectory, jax.tree.map(float, run.runs[0].case.scenario.parameters)
+    assert simulated is not None
     measured = Trajectory(recording.time, np.concatenate([recording.q, recording.dq], axis=1), recording.u)
-    plant = jax.tree.map(float, scenario.parameters)
     # Forced: a log that the plant does not explain is what this compares.
     found = [
         score(rows, robot, board, name=each, plant=plant, force=True)

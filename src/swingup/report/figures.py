@@ -152,23 +152,18 @@ def robustness_figure(results: Mapping[str, Mapping[str, Any]], pale: Sequence[s
         places = [p for p, key in enumerate(criteria) if result.get(key) is not None]
         heights = np.array([float(result[criteria[p]]) for p in places])
         known = result.get("intervals", {})
+        overall = "" if result.get("score") is None else f", {result['score']:.3f}"
+        between = " ({:.3f}–{:.3f})".format(*known["score"]) if overall and known.get("score") else ""
         ends = [known.get(criteria[p]) or (height, height) for p, height in zip(places, heights, strict=True)]
         curves.append(
             Curve(
-                name + _overall(result), np.array(places) + (k + 0.5) * width - group / 2, heights, k,
+                name + overall + between, np.array(places) + (k + 0.5) * width - group / 2, heights, k,
                 PALE_BARS if name in pale else BARS, interval=np.array(ends) if known else None, width=0.92 * width,
             )
         )  # fmt: skip
     names = [COLUMNS[key].label for key in criteria]
     ranges = (-0.55, len(criteria) - 0.45), (0.0, 105.0)
     return Figure([Panel("criterion", "success (%)", curves, (), "", *ranges, names)])
-
-
-def _overall(result: Mapping[str, Any]) -> str:
-    overall, interval = result.get("score"), result.get("intervals", {}).get("score")
-    if overall is None:
-        return ""
-    return f", {overall:.3f}" + (f" ({interval[0]:.3f}–{interval[1]:.3f})" if interval else "")
 
 
 def curves_figure(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
@@ -200,7 +195,10 @@ def curves_figure(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
         facts += ["resets –"] if with_resets and name not in recorded else []
         label, look = name + (f" ({', '.join(facts)})" if facts else ""), LINE if len(seeds) == 1 else THIN
         for seed in seeds:
-            frames, reward, points, rate = _columns([row for row in rows if row.get("seed") == seed])
+            mine = [row for row in rows if row.get("seed") == seed]
+            frames = np.array([row["frames"] / 1e6 for row in mine])
+            columns = (np.array([row.get(key, np.nan) for row in mine], float) for key in (*CURVE_KEYS, RESETS_KEY))
+            reward, points, rate = columns  # NaN where a row has none
             rewards.append(Curve(label, frames, reward, k, look))
             resets.append(Curve(label, frames, 1000.0 * rate, k, look))
             scores.append(Curve("one evaluation", frames, points, k, DOTS))
@@ -212,9 +210,3 @@ def curves_figure(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
         "best mean return (–)" if returns else "best RealAI score (0 to 1)": scores,
     }
     return Figure([Panel("frames (millions)", label, curves) for label, curves in panels.items()], shared=True)
-
-
-def _columns(rows: Sequence[Mapping[str, Any]]) -> list[np.ndarray]:
-    """Frames (millions), rewards, scores and terminations a step; NaN where a row has none."""
-    frames = np.array([row["frames"] / 1e6 for row in rows])
-    return [frames, *(np.array([row.get(key, np.nan) for row in rows], float) for key in (*CURVE_KEYS, RESETS_KEY))]

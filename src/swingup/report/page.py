@@ -38,14 +38,6 @@ if TYPE_CHECKING:
 SCRIPTS = ("figure.js", "physics.js", "pendulum.js", "player.js", "live.js", "main.js")
 """The page's scripts in the order of their dependencies."""
 
-NOTES = {
-    "performance": "One undisturbed swing-up of 10 s from hanging at rest. The RealAI score is "
-    "1 − ⅕ Σ tanh(π c / n) over the five costs c with their norms n: 1 is best, and a run that does not end "
-    "upright scores 0.",
-    "robustness": "Percentage of simulations that end upright; the overall score is the mean of the six.",
-    "uptime": "Share of 60 s with the tip above the line, while the pendulum is thrown 15 times.",
-}
-
 PAGE_FORMATS = (".html", *FIGURE_FORMATS)
 
 MOST_SERIES = 8
@@ -105,10 +97,8 @@ def _render(data: PageData, shown: dict[str, Any], **texts: Any) -> str:
             data=content,
             scripts="\n".join([policy_script(), *map(_asset, SCRIPTS)]),
             columns=COLUMNS,
-            descriptions=NOTES,
             leaderboards_plant=LEADERBOARD,
             robot_named=get_robot,
-            share=_share,
         )
     )
 
@@ -171,11 +161,6 @@ def _encode_show(
     series = Figure(motion_panels(runs, robot, section.plant, others=others), shared=True)
     figures = {"series": data.encode(series), "phases": data.encode(phase_figure(runs, robot, LINKS))}
     return {"name": one_line(name), "runs": rows, "figures": figures}
-
-
-def _share(value: float | None) -> float:
-    """Length of the bar behind a score (%)."""
-    return 0.0 if value is None or not np.isfinite(value) else round(100 * min(1.0, max(0.0, value)), 1)
 
 
 def _label(row: "Row") -> str:
