@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import shlex
 import signal
 import sys
@@ -141,8 +142,13 @@ def test_refine_writes_a_policy_with_its_origin(tmp_path, monkeypatch, run):
 
 
 @pytest.mark.slow
-def test_adapt_goes_from_a_domain_to_a_judged_policy_and_a_page(tmp_path, monkeypatch, run):
+@pytest.mark.parametrize("shipped", [False, True], ids=["trained", "shipped"])
+def test_adapt_goes_from_a_domain_to_a_judged_policy_and_a_page(tmp_path, monkeypatch, run, shipped):
+    """Two steps of training make no policy: where the shipped one was judged first, it is kept."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(refining, "ENOUGH", 2.0)
+    if not shipped:
+        monkeypatch.setattr(refining, "shipped_for", lambda *_: None)
     tiny = GradientStage(PolicyGradientSettings(iterations=2, duration=0.02), EpisodeSettings(2, 0, 0))
     few = DistillationSettings(
         draws=PlantDraws(1, 1, 1, 1), nominal=4, rounds=2, duration=0.4, steps=40, anywhere=300, score_steps=0
@@ -150,10 +156,17 @@ def test_adapt_goes_from_a_domain_to_a_judged_policy_and_a_page(tmp_path, monkey
     monkeypatch.setitem(refining.RECIPES, "adapt", (tiny, few))
     words = "refine acrobot --recipe adapt --domain identified --frames 8192 --seeds 2 --out mine.safetensors"
     out = run(words, "--page", "mine.html")
+    assert ("trained for them: 0 of 2 draws" in out and "has the shipped one" in out) == shipped
     assert "mine.safetensors (board sim2real, domain identified, seed 20000 to 20001)" in out
+    assert re.search(r"Success +(\d) of 2", out)[1] == ("2" if shipped else "0")
     assert "swingup evaluate acrobot --board=sim2real --controller=mine.safetensors --domain=identified" in out
     policy = load_policy("mine.safetensors", "acrobot")
     assert policy.parts == ("estimator", "identifier", "regulator")
     assert policy.identifier.passive_limit == 0.5
     assert "Draws that training did not see" in (tmp_path / "mine.html").read_text(encoding="utf-8")
     assert (tmp_path / "mine-base" / "config.json").exists()
+    if shipped:
+        monkeypatch.setattr(refining, "ENOUGH", 0.98)
+        out = run(words.replace("mine", "quick"))
+        assert "2 of 2 draws" in out
+        assert not (tmp_path / "quick-base").exists()

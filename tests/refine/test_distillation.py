@@ -234,7 +234,8 @@ def test_plants_of_any_domain_are_drawn_in_c1s_units_with_the_friction_that_no_m
     most = 1.5 * getattr(cell, passive) / torque
     friction = [getattr(plant, passive) for plant in drawn]
     assert 0.7 * most < max(friction) <= most
-    # With a motor there is what the compensation leaves.
+    # With a motor there is what the compensation leaves: a quarter, as of the recorded robot.
     braked = loop_around(domain, "recorded")
     drawn = plants_of(draw_plants(np.random.default_rng(0), robot, PlantDraws(0, 0, 0, robot=40), nominal, braked))
-    assert max(getattr(plant, passive) for plant in drawn) <= 0.04
+    left = max(0.04, 0.24 * most)
+    assert 0.7 * left < max(getattr(plant, passive) for plant in drawn) <= left

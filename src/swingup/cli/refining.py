@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from tyro.conf import arg
 
 from ..benchmark.judge import judge
+from ..benchmark.result import Result
 from ..benchmark.seeds import check_seeds
 from ..common.errors import SwingupError
 from ..common.files import check_writable, write_atomically
@@ -24,10 +25,19 @@ from ..learner.start import resume_run, start_run
 from ..loop.domain import Domain, load_domain
 from ..loop.on_plant import drawn_around, loop_around, plant_as_domain
 from ..plant.plant import LEADERBOARD, Plant
+from ..plant.robots import Robot
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
-from ..policy.shipped import AR_EAPO, load_policy
+from ..policy.shipped import ADAPTIVE, AR_EAPO, load_policy
 from ..refine.plant_draws import RECORDED
-from ..refine.recipe import ADAPT, RECIPES, RefinementReport, frictionless_design, run_recipe, wrapped_policy
+from ..refine.recipe import (
+    ADAPT,
+    RECIPES,
+    RefinementReport,
+    first_plant,
+    run_recipe,
+    shipped_for,
+    wrapped_policy,
+)
 from ..report.log_report import report_adaptation
 from ..report.page import PAGE_FORMATS, save_log_report
 from .arguments import (
@@ -47,8 +57,10 @@ from .showing import train_shown
 
 PRESET = "small"
 """Preset of the base policies: it learns to recover on any pendulum in minutes."""
-SEED = 20_000
-"""First seed of the judged draws."""
+CHOICE, SEED = 30_000, 20_000
+"""First seeds of the draws by which a policy is chosen, and of those on which it is judged."""
+ENOUGH = 0.98
+"""Share of the former on which the shipped policy has to succeed to make training needless."""
 
 
 def refine_command(
@@ -66,15 +78,15 @@ def refine_command(
 ) -> int:
     """Refine a trained policy by gradients through the simulation or by teachers, in minutes to an hour.
 
-    The file is rewritten as it proceeds: an interrupted run leaves its latest policy. adapt needs no policy: it
-    trains one that recovers, computes swing-ups of plants of a domain, distils them into a network that sees its
-    plant, and judges that on other draws.
+    The file is rewritten as it proceeds: an interrupted run leaves its latest policy. adapt needs no policy: where
+    the shipped one does not do, it trains one that recovers, computes swing-ups of plants of a domain, distils them
+    into a network that sees its plant, and judges that on other draws.
 
     Args:
         robot: the robot.
         out: the refined policy's file.
         policy: the policy to start from: a file, or the name of a shipped one; default ar-eapo, for adapt one that
-            is trained first, in OUT-base.
+            is trained first, in OUT-base, unless the shipped adaptive succeeds on 98 % of the domain's draws.
         recipe: recover (be up again soon after throws) or adapt (find the plant, and swing up any of a domain).
         plant: what the policy is refined on; for adapt a plant with ranges, or a guess, which is off by 10 %.
         domain: for adapt: plants and loops, as of evaluate --board sim2real; default recorded.
@@ -99,19 +111,31 @@ def refine_command(
         tell(f"wrote {out}: judge it with {command_line('evaluate', robot.name, controller=out, **plant)}")
         return 0
     begun, (around, file) = time.monotonic(), adapted_domain(plant, domain, out)
-    base = policy
-    if base is None:  # one that recovers on the domain's plant without friction, trained here or in an earlier call
-        folder = Path(out).with_name(f"{Path(out).stem}-base")
-        goal = get_preset(PRESET).frames if frames is None else frames
-        settings = make_run_settings(robot.name, PRESET, plant=frictionless_design(around), seed=seed)
-        run = resume_run(folder, goal) if folder.exists() else start_run(settings, folder, goal)
-        if stopped := train_shown(run):
-            return stopped
-        base = str(folder / BEST)
-    with Progress() as progress:
-        _refine(load_policy(base, robot), out, recipe, seed, command, progress, domain=around)
-        found, told = get_controller(out, robot), partial(progress, "judging")
-        result = judge(found, robot, "sim2real", seeds, seed=SEED, name=out, domain=around, progress=told)
+    shipped, kept = shipped_for(around, robot) if policy is None else None, 0
+    origin = {"version": __version__, "command": command, "base": {"policy": ADAPTIVE}}
+    if shipped is not None:
+        write_pendulum_policy(out, shipped, origin)
+        kept = _judged(robot, out, around, CHOICE, seeds).successes
+        tell(f"{ADAPTIVE} as shipped, in this pendulum's units: {kept} of {seeds} draws")
+    if kept < ENOUGH * seeds:
+        base = policy
+        if base is None:  # one that recovers on the domain's first plant, trained here or in an earlier call
+            folder = Path(out).with_name(f"{Path(out).stem}-base")
+            goal = get_preset(PRESET).frames if frames is None else frames
+            settings = make_run_settings(robot.name, PRESET, plant=first_plant(around, robot), seed=seed)
+            run = resume_run(folder, goal) if folder.exists() else start_run(settings, folder, goal)
+            if stopped := train_shown(run):
+                return stopped
+            base = str(folder / BEST)
+        with Progress() as progress:
+            _refine(load_policy(base, robot), out, recipe, seed, command, progress, domain=around)
+        if shipped is not None:
+            trained = _judged(robot, out, around, CHOICE, seeds).successes
+            tell(f"trained for them: {trained} of {seeds} draws")
+            if trained < kept:
+                write_pendulum_policy(out, shipped, origin)
+                tell(f"{out} has the shipped one")
+    result = _judged(robot, out, around, SEED, seeds)
     if page is not None:
         save_log_report(report_adaptation(around, result), page)
     again = command_line("evaluate", robot.name, board="sim2real", controller=out, domain=file)
@@ -120,6 +144,14 @@ def refine_command(
         f"wrote {out} in {duration(time.monotonic() - begun)}: judge it on other draws with {again}",
     )
     return 0
+
+
+def _judged(robot: Robot, out: str, domain: Domain, seed: int, seeds: int) -> Result:
+    """A policy's file on draws of a domain."""
+    with Progress() as progress:
+        told = partial(progress, "judging")
+        controller = get_controller(out, robot)
+        return judge(controller, robot, "sim2real", seeds, seed=seed, name=out, domain=domain, progress=told)
 
 
 def _refine(

@@ -19,7 +19,10 @@ RECORDED = "recorded"
 GEAR = 6.0
 """Gear ratio of the motors of design C.1."""
 LEFT = {"b1": 0.004, "b2": 0.004, "cf1": 0.04, "cf2": 0.04}
-"""Most friction that its compensation leaves (N m s/rad, N m); it overdoes it by up to half of that."""
+"""Most friction that the compensation of the recorded robot's leaves (N m s/rad, N m); it overdoes it by up to half
+of that."""
+LEFT_SHARE = 0.24
+"""Part of larger frictions that their compensation leaves; those of the recorded robot are the former's."""
 ROTOR = 3e-4
 """Largest rotor's inertia of the robot's plants behind that gear (kg m²): one session's fit has 2.8e-4, beyond the
 domain."""
@@ -107,18 +110,22 @@ def _robots(random: np.random.Generator, robot: Robot, domain: Domain, nominal: 
     plant = domain.nominal_plant.changed(**{name: value for name, value in drawn.items() if name in NAMES})
     left = {name: random.uniform(-0.5 * most, most) for name, most in _left(robot, domain, scales).items()}
     plant = similar_plant(plant, scales).changed(**left, tl1=nominal.tl1, tl2=nominal.tl2)
-    # What a weaker motor moves is like a heavier plant.
-    scale = 1.0 / drawn.get(f"gain{robot.joint + 1}", 1.0)
-    return replace(plant, **{name: scale * getattr(plant, name) for name in ("m1", "m2", "I1", "I2", "Ir")})
+    return behind_motor(plant, drawn.get(f"gain{robot.joint + 1}", 1.0))
+
+
+def behind_motor(plant: Plant, gain: float) -> Plant:
+    """What a motor that delivers this part of its command moves as if it were: a heavier plant."""
+    return replace(plant, **{name: getattr(plant, name) / gain for name in ("m1", "m2", "I1", "I2", "Ir")})
 
 
 def _left(robot: Robot, domain: Domain, scales: Scales) -> dict[str, float]:
-    """Most friction that compensation leaves, in C.1's units: all of it where the passive joint has no motor."""
+    """Most friction that compensation leaves, in C.1's units: all of the passive joint's where that has no motor."""
     other = 2 - robot.joint
     coulomb, damping, limit = f"cf{other}", f"b{other}", scales.similar(domain.low.loop.passive_limit, TORQUE)
     most = {name: getattr(similar_plant(domain.high.plant, scales), name) for name in (coulomb, damping)}
-    beyond = {coulomb: max(LEFT[coulomb], most[coulomb] - limit)}
-    return LEFT | beyond | ({} if limit else {damping: max(LEFT[damping], most[damping])})
+    share = LEFT_SHARE if limit else 1.0
+    left = {name: max(LEFT[name], share * value) for name, value in most.items()}
+    return LEFT | left | {coulomb: max(left[coulomb], most[coulomb] - limit)}
 
 
 def _any_rotor(random: np.random.Generator, plant: Plant) -> Plant:

@@ -15,7 +15,7 @@ import numpy as np
 from ..benchmark.criteria import Criteria
 from ..benchmark.judge import judge
 from ..common.errors import SwingupError
-from ..controllers.stack.controller import PolicyController, make_controller, plant_of, policy_of
+from ..controllers.stack.controller import PolicyController, make_controller, plant_of, policy_alone, policy_of
 from ..loop.domain import Domain, load_domain
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..plant.robots import Robot
@@ -25,12 +25,13 @@ from ..policy.identifier.settings import IdentifierSettings
 from ..policy.pendulum import PendulumPolicy
 from ..policy.plant_facts import plant_difference, policy_plant
 from ..policy.regulator.settings import RegulatorSettings
+from ..policy.shipped import ADAPTIVE, load_policy
 from .analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings, with_actor
 from .distillation import Progress, distil
 from .distillation_settings import DistillationSettings
 from .episodes import EpisodeSettings, sample_episodes
 from .objective import EpisodeWeights
-from .plant_draws import RECORDED
+from .plant_draws import RECORDED, behind_motor
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -126,7 +127,7 @@ def run_recipe(
     if sees and plant != LEADERBOARD:
         raise SwingupError("the recipe adapt draws its plants: give a domain, not a plant")
     around = load_domain(domain or RECORDED) if not isinstance(domain, Domain) else domain
-    start, found = time.perf_counter(), frictionless_design(around) if sees else load_plant(plant)
+    start, found = time.perf_counter(), first_plant(around, robot) if sees else load_plant(plant)
     if found == LEADERBOARD and not sees:
         difference = plant_difference(plant_of(controller), found.driven(robot), robot)
         if difference is not None:
@@ -162,9 +163,15 @@ def run_recipe(
     return dataclasses.replace(in_units(controller, scales), plant=facts)
 
 
-def frictionless_design(domain: Domain) -> Plant:
-    """The plant that policies for a domain begin with: the one that it is designed for, without friction."""
+def first_plant(domain: Domain, robot: Robot) -> Plant:
+    """The plant that policies for a domain begin with, without friction.
+
+    It is the design that the domain's source names, or else the middle of the ranges as it seems behind a motor of
+    the middle gain: an identifier that begins with it errs least.
+    """
     plant, without = domain.design, domain.design.frictionless()
+    if plant == domain.nominal_plant:
+        without = behind_motor(without, getattr(domain.nominal.loop, f"gain{robot.joint + 1}"))
     return plant if plant.values() == without.values() else without
 
 
@@ -174,6 +181,20 @@ def in_units(controller: PolicyController, scales: Scales) -> PolicyController:
     policy = dataclasses.replace(controller.policy, stages=stages)
     plant, limit = similar_plant(controller.plant, C1.over(scales)), scales.scaled(controller.torque_limit, TORQUE)
     return dataclasses.replace(controller, policy=policy, plant=plant, torque_limit=limit)
+
+
+def shipped_for(domain: Domain, robot: Robot) -> PendulumPolicy | None:
+    """The shipped ``adaptive`` in the units of a domain's plants; None where their first one is beyond it."""
+    shipped, plant = load_policy(ADAPTIVE, robot), policy_plant(first_plant(domain, robot), robot)
+    scales = scales_of(plant).over(scales_of(shipped.plant))
+    if (
+        plant_difference(shipped.plant, similar_plant(plant, scales), robot, shipped.network.plant_stage)
+        is not None
+    ):
+        return None
+    controller = in_units(policy_alone(shipped), scales)
+    controller = dataclasses.replace(controller, plant=plant, torque_limit=plant.limit(robot.joint))
+    return wrapped_policy(controller, float(domain.high.loop.passive_limit))
 
 
 def wrapped_policy(controller: PolicyController, passive_limit: float | None = None) -> PendulumPolicy:

@@ -310,7 +310,7 @@ def report_adaptation(domain: Domain, result: Result) -> LogReport:
     """Lay an adaptation to a domain out, with its result on the board ``sim2real``, on other draws."""
     low, high = result.success_interval
     lead = (
-        f"A policy for the {result.robot} that finds its plant, trained on draws of {domain.name}. On "
+        f"A policy for the {result.robot} that finds its plant, for draws of {domain.name}. On "
         f"{len(result.runs)} other draws it swings up and stays {result.successes} times "
         f"({low:.0%} to {high:.0%}, 95 % interval)."
     )
