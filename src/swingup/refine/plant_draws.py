@@ -119,7 +119,7 @@ def behind_motor(plant: Plant, gain: float) -> Plant:
 
 
 def _left(robot: Robot, domain: Domain, scales: Scales) -> dict[str, float]:
-    """Most friction that compensation leaves, in C.1's units: all of the passive joint's where that has no motor."""
+    """Most friction that compensation leaves, in C.1's units: all of a passive joint's without a motor."""
     other = 2 - robot.joint
     coulomb, damping, limit = f"cf{other}", f"b{other}", scales.similar(domain.low.loop.passive_limit, TORQUE)
     most = {name: getattr(similar_plant(domain.high.plant, scales), name) for name in (coulomb, damping)}
