@@ -5,7 +5,7 @@ import stat
 from pathlib import Path
 
 from refusals import refusal
-from swingup.common.files import write_atomically
+from swingup.common.files import make_folder, write_atomically
 from swingup.common.yaml_map import LARGEST_YAML, read_map
 
 ONCE_HUNG_OR_CRASHED = [*(Path(__file__).parents[1] / "data").glob("*.yml")]
@@ -20,6 +20,12 @@ def test_a_link_keeps_pointing_and_a_mode_stays(tmp_path):
     assert link.is_symlink()
     assert target.read_bytes() == b"new"
     assert stat.S_IMODE(target.stat().st_mode) == 0o600
+
+
+def test_a_folder_behind_a_link_is_made(tmp_path):
+    (tmp_path / "link").symlink_to("folder")
+    make_folder(tmp_path / "link" / "new")
+    assert (tmp_path / "folder" / "new").is_dir()
 
 
 def test_a_name_may_be_as_long_as_the_system_allows(tmp_path):

@@ -191,9 +191,12 @@ def _check_options(program: str, command: Command, words: Sequence[str]) -> None
             raise SwingupError(f"{program} has no option {one_line(option, 60)}{near}")
         if equals and known.get(option, bool) is bool:
             raise SwingupError(f"{option} takes no value: write {option} alone")
-        if not equals and known.get(option, bool) is not bool and following.startswith("--"):
+        value = value if equals else following
+        # An empty value, as of a variable that is not set, would choose the default, or nothing at all.
+        lacks = not value.strip(", ") or (not equals and value.startswith("--"))
+        if known.get(option, bool) is not bool and lacks:
             raise SwingupError(f"{option} lacks its value: see {program} --help")
-        _check_number(option, known.get(option), value if equals else following)
+        _check_number(option, known.get(option), value)
         typed.append(option.replace("--no-", "--"))
     for option, count in Counter(typed).items():
         if count > 1 and option != REPEATABLE:

@@ -13,7 +13,7 @@ def write_atomically(path: str | Path, content: bytes) -> None:
     """Write a whole file or none: sync a temporary file beside it to the disk, rename it, and sync the folder."""
     temporary = None
     try:
-        target = _behind_links(path)
+        target = behind_links(path)
         if target.exists() and not target.is_file():
             target.write_bytes(content)  # a device or a pipe, which a rename would replace
             return
@@ -60,7 +60,7 @@ def read_bytes(path: str | Path, most: int) -> bytes:
 def make_folder(path: str | Path) -> None:
     """Make a folder with its parents, unless it exists."""
     try:
-        Path(path).mkdir(parents=True, exist_ok=True)
+        behind_links(path).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise SwingupError(f"cannot create {path}: {error.strerror}; choose another folder") from error
 
@@ -68,7 +68,7 @@ def make_folder(path: str | Path) -> None:
 def check_writable(path: str | Path) -> None:
     """Refuse a file that cannot be written, before the work that fills it."""
     try:
-        target = _behind_links(path)
+        target = behind_links(path)
         folder, writable = target.is_dir(), os.access(target.parent, os.W_OK | os.X_OK)
         reason = "is a folder" if folder else "" if writable else "no such folder, or not to be written"
     except OSError as error:
@@ -77,11 +77,11 @@ def check_writable(path: str | Path) -> None:
         raise SwingupError(f"cannot write {path}: {reason}; choose a folder that exists and can be written")
 
 
-def _behind_links(path: str | Path) -> Path:
+def behind_links(path: str | Path) -> Path:
     """The file that a path leads to: a rename would replace a link instead of the file behind it.
 
     Raises:
-        OSError: the link leads to itself, or the name has a null character.
+        OSError: a link leads to itself, or the name has a null character.
     """
     try:
         target = Path(os.path.realpath(path))

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import os
 import re
 import shutil
 import tempfile
@@ -13,7 +12,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from ..common.errors import SwingupError
-from ..common.files import write_atomically
+from ..common.files import behind_links, write_atomically
 from ..common.text import quoted
 from ..common.version import __version__
 from ..policy.guard.settings import GuardSettings, default_guard
@@ -82,13 +81,12 @@ def export_folder(
         raise SwingupError(
             f"username {quoted(username)} does not fit an entry: use up to 60 letters, no quotes or commas"
         )
-    # The final move would replace a link by a folder.
-    target, root = Path(os.path.realpath(folder)), resources.files("swingup")
-    if target.exists() and (not target.is_dir() or any(target.iterdir())):
-        raise SwingupError(f"{folder} is there already: name a folder that is new or empty")
+    root, values = resources.files("swingup"), readme_values(policy, name)
     entry, readme = (path.format(name=name) for path in (FORMS[form].entry, FORMS[form].readme))
-    values = readme_values(policy, name)
     try:
+        target = behind_links(folder)  # the final move would replace a link by a folder
+        if target.exists() and (not target.is_dir() or any(target.iterdir())):
+            raise SwingupError(f"{folder} is there already: name a folder that is new or empty")
         # On the target's file system, where the final move is a rename: the folder appears whole or not at all.
         with tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as temporary:
             made = Path(temporary) / target.name

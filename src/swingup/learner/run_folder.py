@@ -11,6 +11,7 @@ from typing import Any
 
 from ..areapo.checkpoint import load_checkpoint, save_checkpoint
 from ..common.errors import SwingupError
+from ..common.files import make_folder
 
 CHECKPOINTS_KEPT = 2
 """The newest and one to go back to, if that is damaged."""
@@ -59,10 +60,7 @@ class RunFolder:
         Raises:
             SwingupError: it cannot be made.
         """
-        try:
-            self.checkpoints.mkdir(parents=True)
-        except OSError as error:
-            raise _cannot_create(self.path, error) from error
+        make_folder(self.checkpoints)
 
     @property
     def checkpoints(self) -> Path:
@@ -138,8 +136,8 @@ class RunFolder:
         except ImportError:  # no such module on Windows
             yield
             return
+        make_folder(self.path)
         try:
-            self.path.mkdir(parents=True, exist_ok=True)
             # Open for writing, or NFS refuses to lock it.
             file = (self.path / LOCK).open("ab")
         except OSError as error:
