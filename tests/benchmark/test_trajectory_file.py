@@ -156,6 +156,12 @@ def test_columns_that_are_not_there_are_named(tmp_path, columns):
     assert columns[0].partition("=")[2].rpartition(":")[2] in text
 
 
+def test_a_sum_has_one_unit(tmp_path):
+    header = HEADER.replace("pos_meas1", "pos_meas1[deg]")
+    text = refusal(load_trajectory, write(tmp_path, header, *ROWS), ["q2=pos_meas2-pos_meas1"])
+    assert "pos_meas2 from columns in no unit and deg" in text
+
+
 @pytest.mark.parametrize(
     ("header", "missing"),
     [
@@ -218,6 +224,8 @@ def test_columns_that_are_not_read_may_come_twice(tmp_path):
         ("vel_meas1 [rpm]", np.pi / 30),
         ("tau_con1[Nmm]", 1e-3),
         ("tau_con2[mN m", 1e-3),
+        ("tau_con1[oz-in]", 0.00706155),
+        ("tau_con2 (kgf·cm)", 0.0980665),
     ],
 )
 def test_units_of_a_title_are_converted(tmp_path, title, factor):

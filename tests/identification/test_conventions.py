@@ -56,6 +56,7 @@ CONVENTIONS = {
                    f"q1=pos_meas1:turns q2=pos_meas2:turns {RPM}"),
     "counts": (angles(lambda q: np.round(q * 4096 / TURN)), "q1=pos_meas1:counts/4096 q2=pos_meas2:counts/4096"),
     "mN m": (torques(lambda u: 1000 * u), "u1=tau_con1:mNm u2=tau_con2:mNm"),
+    "one in mN m": (lambda c: {"u2": 1000 * c.u2}, "u2=tau_con2:mNm"),
     "velocities swapped": (lambda c: {"d1": c.d2, "d2": c.d1}, "dq1=vel_meas2 dq2=vel_meas1"),
     "velocity reversed": (lambda c: {"d1": -c.d1}, "dq1=-vel_meas1"),
     "milliseconds": (lambda c: {"t": np.round(1000 * c.t)}, "time=time:ms"),
@@ -68,6 +69,8 @@ MORE_CONVENTIONS = {
                              f"q1=pos_meas1-pi/2 {ABSOLUTE}"),
     "up in degrees": (lambda c: {"q1": np.degrees(c.q1) - 180, "q2": np.degrees(c.q2)},
                       "q1=pos_meas1+180:deg q2=pos_meas2:deg"),
+    "up in turns": (lambda c: {"q1": c.q1 / TURN - 0.5, "q2": c.q2 / TURN, "d1": c.d1 / TURN, "d2": c.d2 / TURN},
+                    "q1=pos_meas1+0.5:turns q2=pos_meas2:turns dq1=vel_meas1:turns/s dq2=vel_meas2:turns/s"),
     "absolute in degrees": (lambda c: {"q1": np.degrees(c.q1), "q2": np.degrees(c.q1 + c.q2)},
                             "q1=pos_meas1:deg q2=pos_meas2-pos_meas1:deg"),
     "folded, reversed": (lambda c: {"q2": PI - c.q2, "d2": -c.d2}, "q2=-pos_meas2+pi dq2=-vel_meas2"),
@@ -78,6 +81,10 @@ MORE_CONVENTIONS = {
     "torques swapped, degrees": (lambda c: angles(np.degrees)(c) | {"u1": c.u2, "u2": c.u1},
                                  f"{DEGREES} {SWAPPED}"),
     "N cm": (torques(lambda u: 100 * u), "u1=tau_con1:Ncm u2=tau_con2:Ncm"),
+    "oz in": (torques(lambda u: u / 0.00706155), "u1=tau_con1:ozin u2=tau_con2:ozin"),
+    "one in oz in": (lambda c: {"u1": c.u1 / 0.00706155}, "u1=tau_con1:ozin"),
+    "one in N cm, absolute": (lambda c: {"q2": c.q1 + c.q2, "d2": c.d1 + c.d2, "u1": 100 * c.u1},
+                              f"{ABSOLUTE} u1=tau_con1:Ncm"),
     "deg/s beside rad": (rates(np.degrees), "dq1=vel_meas1:deg/s dq2=vel_meas2:deg/s"),
     "counts of 2000": (angles(lambda q: np.round(q * 2000 / TURN)),
                        "q1=pos_meas1:counts/2000 q2=pos_meas2:counts/2000"),
@@ -117,6 +124,20 @@ def assert_same(found, right, steps=2e-3):
 
 def test_a_right_log_is_taken_as_it_is(tmp_path, table):
     assert find_columns(read_recording(write(tmp_path / "log.csv", table)), SETTING, START) is None
+
+
+def test_a_unit_without_a_name_has_its_size(tmp_path, table):
+    percent = read_recording(write(tmp_path / "log.csv", changed(table, torques(lambda u: u / 0.06))))
+    found = find_columns(percent, SETTING, START)
+    assert "a unit of 0.05" in found.text
+    sizes = [float(word.partition(":Nm*")[2]) for word in found.remedy]
+    assert sizes == pytest.approx([0.06, 0.06], rel=0.1)  # the masses are some percent from those of C.1
+
+
+def test_a_title_may_have_the_wrong_unit(tmp_path, table):
+    titles = HEADER.replace("vel_meas1", "vel_meas1 [rpm]").replace("vel_meas2", "vel_meas2 [rpm]")
+    found = find_columns(read_recording(write(tmp_path / "log.csv", table, titles)), SETTING, START)
+    assert found.remedy == ("dq1=vel_meas1:rad/s", "dq2=vel_meas2:rad/s")
 
 
 def test_noise_is_no_convention(tmp_path, table):
@@ -172,7 +193,7 @@ FILES = {
     "bars": (as_text("|"), ""),
     "comments": (as_text(above=["# robot: mine, blue", "% 500 Hz"]), ""),
     "quoted": (as_text(names=[f'"{name}"' for name in NAMES], encoding="utf-8-sig"), ""),
-    "a row of units": (as_text(";", below=["s;rad;rad;rad/s;rad/s;Nm;Nm"]), ""),
+    "a row of units": (as_text(";", below=["s;rad;rad;-;rad/s;N·m;Nm"]), ""),
     "npz": (as_npz, ""),
     "mat, -v6": (as_mat(False), ""),
     "mat, -v7": (as_mat(True), ""),

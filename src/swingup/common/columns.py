@@ -4,6 +4,7 @@ A word maps one column, NAME=EXPRESSION[:UNIT]. The expression adds and subtract
 third column) and numbers or pi; all of it is in the unit, and in SI units without one.
 """
 
+import contextlib
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -18,11 +19,14 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     "pos": {"rad": 1.0, "deg": DEGREE, "turns": TURN, "mrad": 1e-3},
     "vel": {"rad/s": 1.0, "deg/s": DEGREE, "rpm": TURN / 60, "turns/s": TURN, "mrad/s": 1e-3},
-    "tau": {NEWTON_METRE: 1.0, "mNm": 1e-3, "uNm": 1e-6, "Ncm": 1e-2, "kgcm": 0.0980665, "A": 1.0, "mA": 1e-3},
-}
+    "tau": {
+        NEWTON_METRE: 1.0, "mNm": 1e-3, "uNm": 1e-6, "Ncm": 1e-2, "ozin": 0.00706155, "kgcm": 0.0980665,
+        "lbin": 0.112985, "lbft": 1.355818, "A": 1.0, "mA": 1e-3, "%": 1e-2,
+    },
+}  # fmt: skip
 """Units of columns whose names start so, and their sizes in SI units; the first is SI's."""
-NEEDS_CONSTANT = ("a", "ma")
-"""Currents, which a torque constant (N m/A) multiplies: A*0.7."""
+NEEDS_CONSTANT = ("a", "ma", "%")
+"""Currents, which a torque constant (N m/A) multiplies, as A*0.7, and shares of a torque (N m), as %*6."""
 SPELLINGS = {
     "sec": "s", "second": "s", "seconds": "s", "msec": "ms", "µs": "us", "μs": "us", "usec": "us", "nsec": "ns",
     "radian": "rad", "radians": "rad", "degree": "deg", "degrees": "deg", "grad": "deg", "°": "deg",
@@ -31,8 +35,10 @@ SPELLINGS = {
     "degrees/s": "deg/s", "grad/s": "deg/s",
     "1/min": "rpm", "min-1": "rpm", "u/min": "rpm", "rev/min": "rpm", "rev/s": "turns/s", "turn/s": "turns/s",
     "rps": "turns/s", "nmm": "mnm", "µnm": "unm", "μnm": "unm",
+    "kgfcm": "kgcm", "ozfin": "ozin", "lbfin": "lbin", "inlb": "lbin", "lbfft": "lbft", "ftlb": "lbft",
+    "percent": "%", "pct": "%",
 }  # fmt: skip
-"""Other spellings, without spaces, points and capitals."""
+"""Other spellings, without spaces, points, hyphens and capitals."""
 
 SHORT_NAMES = {
     f"{short}{joint}": f"{long}{joint}"
@@ -80,7 +86,7 @@ def unit_size(name: str, unit: str) -> float:
     """The size of a unit of the column of this name, in SI units: deg, counts/4096, or A*0.7 with a factor."""
     accepted = next((units for start, units in UNITS.items() if name.startswith(start)), {})
     base, factor = re.fullmatch(r"(.*?)(?:\*([\d.]+(?:[eE][-+]?\d+)?))?", unit.strip(), re.DOTALL).groups()  # type: ignore[union-attr]
-    plain = re.sub(r"[\s·.*^]", "", base).lower()
+    plain = re.sub(r"[\s·.*^]|-(?=[^\W\d])", "", base).lower()
     plain = SPELLINGS.get(plain, plain)
     sizes = {re.sub(r"\s", "", each).lower(): size for each, size in accepted.items()}
     counts = re.fullmatch(r"(?:counts?|ticks?|inc)/(\d{1,9})(/s)?", plain)
@@ -95,6 +101,14 @@ def unit_size(name: str, unit: str) -> float:
         known += ["counts/4096"] if name.startswith("pos") else []
         raise SwingupError(f"{SHORT.get(name, name)} in {quoted(unit, 20)}: the units are {', '.join(known)}")
     return size * float(factor or 1.0)
+
+
+def is_unit(text: str) -> bool:
+    """Whether a text is a unit of some column."""
+    for start in UNITS:
+        with contextlib.suppress(SwingupError):
+            return unit_size(start, f"{text}*1") > 0.0
+    return False
 
 
 def unit_of(quantity: str, size: float, within: float = 1e-9) -> str:

@@ -149,14 +149,17 @@ def _with_unit(path: object, name: str, column: Column, cells: Cells) -> Column:
     for title in titles:
         if (count := cells.names.count(title)) > 1:
             raise SwingupError(f"{path} has {count} columns {title}: keep one of them")
-    bracket = UNIT.search(cells.titles[cells.place(titles[0])]) if titles else None
-    if column.unit or bracket is None:
+    brackets = [UNIT.search(cells.titles[cells.place(title)]) for title in titles]
+    units = list(dict.fromkeys(bracket[1] if bracket else "" for bracket in brackets))
+    if column.unit or not any(units):
         return column
     try:
-        size = unit_size(name, bracket[1])
+        if len(units) > 1:
+            raise SwingupError(f"{name} from columns in {' and '.join(unit or 'no unit' for unit in units)}")
+        size = unit_size(name, units[0])
     except SwingupError as error:
         raise SwingupError(f"{path} has {error}; convert it, or map it with --columns") from error
-    return column if size == 1.0 else Column(column.terms, column.constant, bracket[1])
+    return column if size == 1.0 else Column(column.terms, column.constant, units[0])
 
 
 def _choose(

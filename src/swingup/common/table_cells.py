@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from .columns import is_unit
 from .errors import SwingupError
 from .files import read_bytes
 from .mat_file import read_mat
@@ -26,10 +27,6 @@ SAMPLE = 20
 """Lines that show the separator."""
 UNIT = re.compile(r"[\[(](?!\d+[\])])([^\])]*)")
 """A unit in brackets at the end of a title; a number in them, as in q[0], belongs to the name."""
-UNIT_CELL = re.compile(
-    r"[\[(]?(|s|ms|[µu]s|ns|°|deg|rad|turns|rev|rpm|(deg|°|rad|rev|1)/(s|min)|[µum]?N\W?m+|m?A|-)[\])]?"
-)
-"""A cell of a line of units below a header."""
 MOST_UNPACKED = 8 * LARGEST_TABLE
 
 
@@ -124,8 +121,9 @@ def _text_cells(text: str) -> Cells:
     if not head:
         return Cells([""] * width, rows, decimal)
     titles = [re.sub(r"^(#|%|//)\s*", "", title) for title in head[-1]]
-    if len(head) > 1 and all(UNIT_CELL.fullmatch(cell) for cell in titles):
-        units = [re.sub(r"[\[\]()]", "", unit) for unit in titles]
+    units = [re.sub(r"[\[\]()]|^-$", "", title) for title in titles]
+    # A line of units below the header; some, as volts, may be of columns that nobody reads.
+    if len(head) > 1 and 2 * sum(is_unit(unit) for unit in units if unit) > sum(map(bool, units)):
         titles = [f"{title} [{unit}]" if unit else title for title, unit in zip(head[-2], units, strict=True)]
     return Cells(titles, rows, decimal)
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ...common.columns import DEGREE, TURN, UNITS, Column, unit_of
+from ...common.columns import DEGREE, NEEDS_CONSTANT, TURN, UNITS, Column, unit_of
 from ...common.errors import SwingupError
 from ...common.table import quote_word
 from ..log.log_checks import slopes_of
@@ -31,6 +31,8 @@ LIKELIER_COST = math.log(2.0)
 GOOD_SHARE, BETTER_SHARE = 0.3, 0.7
 """It must also leave less than this share of the motion unexplained, and of what the log as it is leaves: with much
 noise another reading may be likelier and no better."""
+STILL_BETTER_SHARE = 0.9
+"""The same where hardly anything moves as the log is: there angles in turns are likely from the start."""
 PAIR_LIKELIER_COST = math.log(1.5)
 """Difference of costs from which a pair is named rather than one convention."""
 SUSPICIOUS_SHARE = 0.08
@@ -45,6 +47,10 @@ MISMATCH = 1.5
 """Ratio of the angles' slopes to recorded velocities, or its inverse, that noise does not explain."""
 NOTABLE_FACTOR = 1.3
 """A common factor of the masses that is worth a note."""
+SIZES = tuple(np.geomspace(1e-4, 10.0, 101).tolist())
+"""Sizes (N m) that the torques' unit may have."""
+LIKE_UNIT = 1.5
+"""Ratio to the likeliest size up to which a unit is named."""
 FAR_FACTOR = 2.5
 """A factor of one mass or inertia that is worth a note; the bounds of the fit are 10 times the start's."""
 LARGEST_SPEED = 400.0
@@ -95,11 +101,21 @@ CONVENTIONS = (
     Convention("torque", "the torques look swapped and reversed", torques=-_SWAP),
     Convention("unit", "the angles look like degrees", DEGREE * _SAME),
     Convention("unit", "the angles look like turns", TURN * _SAME),
-    Convention("unit of torque", "the torques look like mN m (or mA)", torques=1e-3 * _SAME),
-    Convention("unit of torque", "the torques look like N cm", torques=1e-2 * _SAME),
+    *(
+        Convention("unit of torque", f"the {torques} like", torques=np.diag(np.where(joints, size, 1.0)))
+        for torques, joints, sizes in (
+            ("torques look", (True, True), (1e-3, 1e-2)),
+            ("torque of joint 1 looks", (True, False), (1e-3, 1e-2, 0.1)),
+            ("torque of joint 2 looks", (False, True), (1e-3, 1e-2, 0.1)),
+        )
+        for size in sizes
+    ),
 )
-"""Applied in the order of the table, units first."""
-COUNTS = (*(2**k for k in range(8, 21)), 1000, 2000, 3600, 4000, 7200, 8000, 10000, 20000, 36000, 40000)
+"""Applied in the order of the table, units first; ``_name_unit`` finds the units that are like these."""
+COUNTS = (
+    *(2**k for k in range(8, 21)),
+    *(500, 800, 1000, 1440, 2000, 3600, 4000, 5000, 7200, 8000, 10000, 14400, 20000, 36000, 40000),
+)
 """Counts per turn of usual encoders."""
 LEAST_COUNTS = 50.0
 """Range from which angles in whole numbers are counts."""
@@ -132,30 +148,32 @@ def check_columns(
 
 def find_columns(recording: Recording, setting: Integration, start: Float[np.ndarray, "15"]) -> Finding | None:
     """What is wrong with a log's columns, if anything is."""
-    spans, driven = cut_spans(recording), any(recording.driven)
+    spans, driven, better = cut_spans(recording), any(recording.driven), BETTER_SHARE
     conventions = [*CONVENTIONS, *_units(recording, setting)]
     if not driven:
         conventions = [each for each in conventions if "torque" not in each.group]
+    alone = conventions
     if len(spans) < LEAST_SPANS:  # at rest, or in turns
-        spans = cut_spans(recording, 1.0 / TURN)
-        conventions = [each for each in conventions if np.array_equal(each.angles, TURN * _SAME)]
+        spans, better = cut_spans(recording, 1.0 / TURN), STILL_BETTER_SHARE
+        alone = [each for each in conventions if np.array_equal(each.angles, TURN * _SAME)]
     if len(spans) < LEAST_SPANS:
         return _check_speed(recording) or _check_velocities(recording)
     scan = _Scan(recording, setting, start, spans, driven)
     plain = scan.solve(())
-    singles = [((each,), scan.solve((each,))) for each in conventions]
+    singles = [((each,), scan.solve((each,))) for each in alone]
     best: Sequence[Convention]
     best, found = min(singles, key=lambda each: each[1].cost)
     # There are hundreds of pairs: they are tried where no single convention explains the motion.
     if min(plain.unexplained, found.unexplained) > SUSPICIOUS_SHARE:
-        pairs = (pair for pair in itertools.combinations(conventions, 2) if pair[0].group != pair[1].group)
+        pairs = [
+            (each, other) for each, other in itertools.product(alone, conventions) if each.group != other.group
+        ]
         # A command's age hardly matters to what is told here.
         pair, solution = min(((pair, scan.solve(pair, ages=1)) for pair in pairs), key=lambda each: each[1].cost)
         if solution.cost < found.cost - PAIR_LIKELIER_COST:
             best, found = pair, solution
-    if found.cost < plain.cost - LIKELIER_COST and found.unexplained < min(
-        GOOD_SHARE, BETTER_SHARE * plain.unexplained
-    ):
+    if found.cost < plain.cost - LIKELIER_COST and found.unexplained < min(GOOD_SHARE, better * plain.unexplained):
+        best = [_name_unit(scan, best, each) for each in best]
         shares = f"as it is, {_share(plain)} of the motion stays unexplained, otherwise {_share(found)}"
         texts = " and ".join(dict.fromkeys(each.text for each in best))
         return Finding(f"{texts}: {shares}", remedy(recording, scan.reading(best)))
@@ -164,6 +182,30 @@ def find_columns(recording: Recording, setting: Integration, start: Float[np.nda
         or _check_velocities(recording)
         or _check_foreign(recording, setting, start, plain, driven)
     )
+
+
+def _name_unit(scan: "_Scan", best: Sequence[Convention], probe: Convention) -> Convention:
+    """A convention; a probe of the torques' unit with the unit that fits the starting plant's masses best."""
+    if probe.group != "unit of torque":
+        return probe
+    joints, (setting, spans, start, driven) = np.diag(probe.torques) < 1.0, scan.given
+    others = [each for each in best if each is not probe]
+
+    def sized(size: float) -> Convention:
+        return probe._replace(torques=np.diag(np.where(joints, size, 1.0)))
+
+    def cost(size: float) -> float:
+        return regress(setting, spans, start, driven, scan.reading([*others, sized(size)]), 1, largest=1.001).cost
+
+    size = min(SIZES, key=cost)
+    units = {
+        name: abs(math.log(each / size))
+        for name, each in UNITS["tau"].items()
+        if name.lower() not in NEEDS_CONSTANT
+    }
+    named = sorted((name for name in units if units[name] < math.log(LIKE_UNIT)), key=units.__getitem__)
+    found = sized(UNITS["tau"][named[0]] if named else float(f"{size:.2g}"))
+    return found._replace(text=f"{probe.text} {' or '.join(named) or f'a unit of {size:.2g} N m (percent, mA?)'}")
 
 
 def _share(solution: Solution) -> str:
@@ -256,7 +298,9 @@ def _combined(
     total = parts[0] if len(parts) == 1 else parts[0].plus(parts[1])
     unit = total.unit if scale == 1.0 else unit_of(quantity, size, within=0.1 if quantity == "vel" else 1e-9)
     standard = next(iter(UNITS[quantity]))
-    return replace(total, constant=total.constant + constant / size, unit="" if unit == standard else unit)
+    # The title may have another unit, which an empty one would leave.
+    unit = "" if unit == standard and not total.unit else unit
+    return replace(total, constant=total.constant + constant / size, unit=unit)
 
 
 def _check_speed(recording: Recording) -> Finding | None:

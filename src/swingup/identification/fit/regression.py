@@ -4,11 +4,11 @@ The rows of ``plant.momentum``, summed over a short time, are linear in the base
 needed and no start is guessed, so the same equations tell wrong columns within seconds, before any fit. An error e
 of a span's impulse has the covariance of two kinds of noise, of velocities and of torques:
 
-    C = M(q) R σv² Rᵀ M(q)ᵀ + T στ² Tᵀ,
+    C = M(q) R σv² Rᵀ M(q)ᵀ + στ²,
 
-with the measured velocities' noise σv, 10 % of their changes, and the torques' στ, 5 % of the torques. R takes
-measured velocities, and T measured torques, to those of the equations (``Reading``). Weak expectations around the
-starting plant decide on what the motion leaves open.
+with the measured velocities' noise σv, 10 % of their changes, and the torques' στ, 5 % of the torques as they are
+read. R takes measured velocities to those of the equations (``Reading``). Weak expectations around the starting
+plant decide on what the motion leaves open.
 """
 
 from collections.abc import Mapping
@@ -104,12 +104,13 @@ def regress(
     driven: bool,
     reading: Reading = AS_IS,
     ages: int = len(AGES),
+    largest: float = LARGEST_FACTOR,
 ) -> Solution:
-    """Base parameters within a factor of 10 of the start's, and friction.
+    """Base parameters, masses and inertias within a factor of the start's, and friction.
 
     Torques set the scale; without any, m1 r1 + m2 l1 is the start's.
     """
-    problem = _Problem(setting, spans, start, driven, reading)
+    problem = _Problem(setting, spans, start, driven, reading, largest)
     impulses = np.diff(spans.impulse.reshape(len(spans), len(AGES), 2, 2), axis=2)[:, :, 0] @ reading.torques.T
     # 4 ms first, the usual age: where one age is enough, it is this one.
     order = (1, 0, 2, 3)[:ages] if driven else (0,)
@@ -120,7 +121,13 @@ class _Problem:
     """The rows of one reading, whatever the impulses."""
 
     def __init__(
-        self, setting: Integration, spans: Segments, start: np.ndarray, driven: bool, reading: Reading
+        self,
+        setting: Integration,
+        spans: Segments,
+        start: np.ndarray,
+        driven: bool,
+        reading: Reading,
+        largest: float,
     ) -> None:
         q = spans.states[..., :2]
         change = (q[:, -1] - q[:, -2] - q[:, 1] + q[:, 0]) / STEP
@@ -129,9 +136,9 @@ class _Problem:
         self.setting, self.elbow = setting, q[:, POINTS // 2, 1]
         self.rows = regression_matrix(setting, q).reshape(-1, 2, BASE)
         self.reading = reading
-        self.low, self.high, self.centre, self.spread = _expected(setting, start, driven)
+        self.low, self.high, self.centre, self.spread = _expected(setting, start, driven, largest)
         if driven:
-            impulse = np.diff(spans.impulse[:, :2], axis=1)
+            impulse = np.diff(spans.impulse[:, :2], axis=1) @ reading.torques.T
             level = np.sqrt(np.mean(impulse**2))
         else:  # gravity's torque is all that there is
             level = np.sqrt(np.mean((self.rows[..., INDEX["k"]] * self.centre[INDEX["k"]]) ** 2))
@@ -178,24 +185,23 @@ class _Problem:
         m11, m12, m22 = np.broadcast_arrays(*mass_entries(lumped(found, self.setting.geometry), np.cos(self.elbow)))
         mass = np.stack([np.stack([m11, m12], -1), np.stack([m12, m22], -1)], -2)
         moved = mass @ self.reading.angles * self.noise
-        pushed = self.reading.torques * self.level
         # A mass matrix may come out singular on the way.
-        covariance = moved @ np.swapaxes(moved, 1, 2) + pushed @ pushed.T + 1e-18 * np.eye(2)
+        covariance = moved @ np.swapaxes(moved, 1, 2) + (self.level**2 + 1e-18) * np.eye(2)
         root = np.linalg.cholesky(covariance)
         own = 2.0 * np.log(np.abs(np.linalg.det(moved)) + 1e-300)
         logarithm = 2.0 * np.log(root[:, 0, 0] * root[:, 1, 1]) - own
         return np.linalg.inv(root), float(np.mean(logarithm))
 
 
-def _expected(setting: Integration, start: np.ndarray, driven: bool) -> tuple[np.ndarray, ...]:
+def _expected(setting: Integration, start: np.ndarray, driven: bool, largest: float) -> tuple[np.ndarray, ...]:
     """Bounds, centres and spreads of the base parameters."""
     rows = expectations(setting, start, commanded=True)
     centre = np.array([rows[name].centre for name in BASE_NAMES])
     spread = np.array([rows[name].scale for name in BASE_NAMES])
     spread[:4] *= MASS_SPREAD
     masses = [name in MASSES[:4] for name in BASE_NAMES]
-    low = np.where(masses, centre / LARGEST_FACTOR, 0.0)
-    high = np.where(masses, centre * LARGEST_FACTOR, np.inf)
+    low = np.where(masses, centre / largest, 0.0)
+    high = np.where(masses, centre * largest, np.inf)
     if not driven:
         # Without torques the equations give ratios alone: this parameter stays. The solver refuses equal bounds.
         k = INDEX["k"]
