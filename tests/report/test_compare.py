@@ -9,6 +9,8 @@ import pytest
 import yaml
 
 from refusals import refusal
+from swingup.benchmark.log_comparison import Comparison, close_loop, compare
+from swingup.benchmark.recording import driven_robot
 from swingup.cli import main
 from swingup.identification.fit.scoring import error_row, prediction_errors, score_windows, summarise
 from swingup.identification.log.recording import read_recording
@@ -16,9 +18,7 @@ from swingup.identification.log.segments import INTERVAL, Segments, cut_windows
 from swingup.identification.open_loop import by_speed, predict_log, predicted_curves
 from swingup.loop.domain import make_domain
 from swingup.plant.robots import ROBOTS
-from swingup.report.compare import Comparison, close_loop, compare
 from swingup.report.draw import draw
-from swingup.report.inputs import driven_robot
 from swingup.report.log_report import report_comparison
 from swingup.report.page import render_log_page, save_log_report
 

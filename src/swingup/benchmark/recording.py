@@ -1,10 +1,13 @@
 """Recordings of a run, from a simulation or a robot: the rows that count, and those that every score refuses."""
 
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..common.errors import SwingupError
+from ..plant.robots import ROBOTS, Robot
 from .rollout import Trajectory
 
 START = 0.2
@@ -12,6 +15,9 @@ START = 0.2
 
 SHORTEST = 1e-6
 """A period below this (s) is not measured in seconds."""
+
+DOMINANT = 3.0
+"""A joint whose largest torque is this many times the other's is the driven one."""
 
 LEAST = 3
 """Rows of which costs can be summed."""
@@ -82,3 +88,21 @@ def stopped_at(rows: Trajectory, duration: float) -> float | None:
         return None
     times = np.asarray(rows.time)[np.asarray(rows.record.over)]
     return float(times[0]) if times.size and times[0] < duration else None
+
+
+def driven_robot(name: str | Path, u: ArrayLike) -> Robot:
+    """The robot whose joint has torque, or most of it where the friction of the other joint is compensated.
+
+    Args:
+        name: of the recording, in messages.
+        u: its torques (N m), shape (rows, 2).
+
+    Raises:
+        SwingupError: there is no torque, or both joints have much.
+    """
+    size = np.abs(u).max(axis=0)
+    joint = int(size.argmax())
+    if size[joint] == 0.0 or size[joint] < DOMINANT * size[1 - joint]:
+        seen = "has no torque" if size[joint] == 0.0 else "drives both joints"
+        raise SwingupError(f"{name} {seen}: name the robot with --robot {' or '.join(ROBOTS)}")
+    return next(robot for robot in ROBOTS.values() if robot.joint == joint)

@@ -10,7 +10,7 @@ from ..benchmark.disturbances import DisturbanceSettings
 from ..benchmark.rules import PushRules
 from ..common.checks import one_of
 from ..common.errors import SwingupError
-from ..common.files import check_writable
+from ..common.files import check_suffix, check_writable
 from ..common.text import one_line, quoted
 from ..controllers.registry import BUILT_IN, has_estimator
 from ..controllers.stack.controller import PolicyController
@@ -26,7 +26,6 @@ from ..plant.plant import (
 )
 from ..plant.robots import ROBOTS, Robot, get_robot
 from ..plant.units import torque_over_gravity
-from ..report.inputs import check_suffix
 from .parsing import value_of
 
 

@@ -4,18 +4,19 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from ..benchmark.log_comparison import compare
+from ..benchmark.recording import driven_robot
 from ..benchmark.trajectory_file import load_trajectory
 from ..common.checks import one_of
 from ..common.errors import SwingupError
-from ..common.files import check_writable, write_atomically
+from ..common.files import check_suffix, check_writable, write_atomically
 from ..common.text import one_line
 from ..learner.metrics import read_metrics
 from ..loop.on_plant import plant_as_domain
-from ..report.compare import compare
 from ..report.draw import FIGURE_FORMATS, draw, render
 from ..report.figures import curves_figure, phase_figure, robustness_figure, trajectory_figure
 from ..report.film import FILM_FORMATS, FPS, SIZE, animate
-from ..report.inputs import check_suffix, driven_robot, make_labels, read_robustness
+from ..report.inputs import make_labels, read_robustness
 from ..report.log_report import report_comparison
 from ..report.page import PAGE_FORMATS, save_log_report
 from .arguments import (

@@ -4,6 +4,7 @@ import contextlib
 import errno
 import os
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 from .errors import SwingupError
@@ -107,3 +108,15 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
+
+
+def check_suffix(path: str | Path, known: Sequence[str]) -> str:
+    """The suffix of an output file, in lower case.
+
+    Raises:
+        SwingupError: it is not among the known ones.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in known:
+        raise SwingupError(f"cannot write {path}: its name must end in {' or '.join(known)}")
+    return suffix

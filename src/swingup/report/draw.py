@@ -124,13 +124,12 @@ def _draw_panel(axes: "Axes", panel: Panel, entries: dict[str, "Artist"]) -> Non
 
 
 def _draw_curve(axes: "Axes", curve: Curve) -> "Artist":
-    bars = curve.look in (BARS, PALE_BARS)
     if isinstance(curve.colour, str):
         look: dict[str, Any] = {"color": THEME[curve.colour]}
     else:
-        look = bar_look(curve.colour) if bars else line_look(curve.colour)
-    if bars:
-        return _draw_bars(axes, curve, look)
+        look = line_look(curve.colour)
+    if curve.look in (BARS, PALE_BARS):
+        return _draw_bars(axes, curve, look["color"])
     look |= LOOKS[curve.look] | ({"drawstyle": "steps-post"} if curve.steps else {})
     if curve.look in (RING, STAR):
         look = {"markerfacecolor": look["color"]} | look | {"linestyle": "none", "zorder": 3}
@@ -140,10 +139,11 @@ def _draw_curve(axes: "Axes", curve: Curve) -> "Artist":
     return line
 
 
-def _draw_bars(axes: "Axes", curve: Curve, look: dict[str, Any]) -> "Artist":
+def _draw_bars(axes: "Axes", curve: Curve, colour: str) -> "Artist":
     """Bars, error bars where an interval has a width, and numbers where there is room."""
-    alpha = 1.0 if curve.look == BARS else 0.45
-    bars = axes.bar(curve.x, curve.y, width=curve.width, label=plain(curve.name), alpha=alpha, **look)
+    hatch = "" if isinstance(curve.colour, str) else HATCHES[curve.colour // len(SERIES) % len(HATCHES)]
+    look: dict[str, Any] = {"color": colour, "hatch": hatch, "alpha": 1.0 if curve.look == BARS else 0.45}
+    bars = axes.bar(curve.x, curve.y, width=curve.width, label=plain(curve.name), **look)
     tops = curve.y
     if curve.interval is not None:
         low, high = curve.interval.T
@@ -203,11 +203,6 @@ def plain(name: str) -> str:
 def line_look(k: int) -> dict[str, Any]:
     """Colour and dashes of the k-th line."""
     return {"color": SERIES[k % len(SERIES)], "linestyle": DASHES[k // len(SERIES) % len(DASHES)]}
-
-
-def bar_look(k: int) -> dict[str, Any]:
-    """Colour and hatching of the k-th bars."""
-    return {"color": SERIES[k % len(SERIES)], "hatch": HATCHES[k // len(SERIES) % len(HATCHES)]}
 
 
 def tick_angles(axis: "Axis") -> None:

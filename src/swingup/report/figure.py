@@ -4,7 +4,7 @@
 """
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
@@ -80,31 +80,20 @@ class Figure:
     """Whether the panels of a column have one horizontal axis, and those of a row one vertical axis."""
 
 
-class PageData:
-    """Figures and arrays as JSON values; an array that several curves have is stored once."""
+def encode(thing: Any, arrays: dict[str, int]) -> Any:
+    """A description as JSON values: objects of what its parts say, foreign names in one printable line each.
 
-    def __init__(self) -> None:
-        """Begin without arrays."""
-        self._places: dict[str, int] = {}
-
-    @property
-    def arrays(self) -> list[str]:
-        """Base64 of little-endian numbers in single precision, which are finer than a screen."""
-        return list(self._places)
-
-    def array(self, values: Any) -> int:
-        """Store an array; returns its place."""
+    An array becomes its place in ``arrays``, where several curves that have it share one: base64 of little-endian
+    numbers in single precision, which are finer than a screen.
+    """
+    if is_dataclass(thing):
+        thing = {field.name: getattr(thing, field.name) for field in fields(thing)}
+    if isinstance(thing, Mapping):
+        return {name: encode(value, arrays) for name, value in thing.items() if value is not None}
+    if isinstance(thing, np.ndarray):
         with np.errstate(over="ignore"):  # what is too large becomes infinite, and is not drawn
-            numbers = np.ascontiguousarray(values, "<f4")
-        return self._places.setdefault(base64.b64encode(numbers.tobytes()).decode("ascii"), len(self._places))
-
-    def encode(self, thing: Any) -> Any:
-        """A description as JSON values: objects of what its parts say, foreign names in one printable line each."""
-        if is_dataclass(thing):
-            values = ((field.name, getattr(thing, field.name)) for field in fields(thing))
-            return {name: self.encode(value) for name, value in values if value is not None}
-        if isinstance(thing, np.ndarray):
-            return self.array(thing)
-        if isinstance(thing, str):
-            return one_line(thing)
-        return [self.encode(each) for each in thing] if isinstance(thing, Sequence) else thing
+            numbers = np.ascontiguousarray(thing, "<f4")
+        return arrays.setdefault(base64.b64encode(numbers.tobytes()).decode("ascii"), len(arrays))
+    if isinstance(thing, str):
+        return one_line(thing)
+    return [encode(each, arrays) for each in thing] if isinstance(thing, Sequence) else thing

@@ -74,10 +74,8 @@ def motion_panels(
                 torques.append(Curve(f"u{joint + 1}{end}", rows.time, rows.u[:, joint], colour, look, steps=True))
     first = next(iter(runs.values()))
     limit, reach = plant.limit(robot.joint), sum(lengths)
-    ends = (
-        float(first.time[0]),
-        float(2 * first.time[-1] - first.time[-2]),
-    )  # the last row lasts as long as the one before
+    last = 2 * first.time[-1] - first.time[-2]  # the last row lasts as long as the one before
+    ends = float(first.time[0]), float(last)
     goals = [Mark("goal", float(goal)) for goal in upright_near(unwrapped(first.x)[-1])]
     limits = [Mark("limit", float(sign * limit), "base") for sign in (1, -1)]
     return [

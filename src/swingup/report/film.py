@@ -12,11 +12,10 @@ from ..benchmark.recording import checked_rows
 from ..benchmark.rollout import Trajectory
 from ..common.checks import finite_number, positive_number, whole_number
 from ..common.errors import SwingupError
-from ..common.files import write_atomically
+from ..common.files import check_suffix, write_atomically
 from ..drawing import draw_frame
 from ..plant.plant import LEADERBOARD, PlantLike, load_plant
 from ..plant.robots import Robot, get_robot
-from .inputs import check_suffix
 
 FPS = 25.0
 SIZE = 320

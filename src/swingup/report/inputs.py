@@ -7,16 +7,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike
-
 from ..benchmark.rules import CRITERIA
 from ..common.checks import finite_number, whole_number
 from ..common.errors import SwingupError
 from ..common.files import read_bytes
 from ..common.text import quoted
 from ..learner.metrics import METRICS_FILE
-from ..plant.robots import ROBOTS, Robot
 
 CURVE_KEYS = ("reward", "score")
 """The values of a row of metrics that learning curves show; a run has one of them."""
@@ -27,49 +23,16 @@ RESETS_KEY = "termination_rate"
 LARGEST_DRAWN = 1e15
 """No count or score is larger; matplotlib's axes cannot show numbers near the largest of floating point."""
 
-DOMINANT = 3.0
-"""A joint whose largest torque is this many times the other's is the driven one."""
-
 LARGEST_RESULT = 1_000_000
 """Most bytes of a file with a robustness score; the command writes about a thousand."""
 
 ROBUSTNESS_REMEDY = "write it with swingup evaluate --board robustness --json"
 
 
-def check_suffix(path: str | Path, known: Sequence[str]) -> str:
-    """The suffix of an output file, in lower case.
-
-    Raises:
-        SwingupError: it is not among the known ones.
-    """
-    suffix = Path(path).suffix.lower()
-    if suffix not in known:
-        raise SwingupError(f"cannot write {path}: its name must end in {' or '.join(known)}")
-    return suffix
-
-
 def require_some(given: Mapping[str, Any], what: str) -> None:
     """Refuse an empty mapping of things to draw."""
     if not given:
         raise SwingupError(f"nothing to draw: give at least one {what}")
-
-
-def driven_robot(name: str | Path, u: ArrayLike) -> Robot:
-    """The robot whose joint has torque, or most of it where the friction of the other joint is compensated.
-
-    Args:
-        name: of the recording, in messages.
-        u: its torques (N m), shape (rows, 2).
-
-    Raises:
-        SwingupError: there is no torque, or both joints have much.
-    """
-    size = np.abs(u).max(axis=0)
-    joint = int(size.argmax())
-    if size[joint] == 0.0 or size[joint] < DOMINANT * size[1 - joint]:
-        seen = "has no torque" if size[joint] == 0.0 else "drives both joints"
-        raise SwingupError(f"{name} {seen}: name the robot with --robot {' or '.join(ROBOTS)}")
-    return next(robot for robot in ROBOTS.values() if robot.joint == joint)
 
 
 def read_robustness(path: str | Path) -> Any:

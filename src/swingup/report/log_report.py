@@ -8,6 +8,7 @@ import numpy as np
 
 from ..benchmark.columns import COLUMNS
 from ..benchmark.criteria import CAUSES
+from ..benchmark.log_comparison import ClosedLoop, Comparison
 from ..benchmark.recording import Rows
 from ..benchmark.result import Result
 from ..benchmark.rollout import Trajectory
@@ -21,7 +22,6 @@ from ..identification.open_loop import SPEED_HORIZON, OpenLoop, fastest_speeds, 
 from ..identification.results import WIDEST_INTERVAL
 from ..loop.domain import Domain
 from ..plant.robots import get_robot
-from .compare import ClosedLoop, Comparison
 from .figure import DASHED, DOTS, LINE, THIN, Curve, Figure, Panel
 from .figures import TIME
 

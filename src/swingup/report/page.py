@@ -18,7 +18,7 @@ from ..benchmark.leaderboard import OURS
 from ..benchmark.recording import LEAST, Rows, checked_rows
 from ..benchmark.rules import CRITERIA
 from ..common.errors import SwingupError
-from ..common.files import write_atomically
+from ..common.files import check_suffix, write_atomically
 from ..common.text import one_line
 from ..common.version import __version__
 from ..export.javascript_backend.page import policy_data, policy_script
@@ -26,9 +26,8 @@ from ..loop.loop import LOOP_DT
 from ..plant.plant import LEADERBOARD, NAMES
 from ..plant.robots import get_robot
 from .draw import FIGURE_FORMATS, draw, render
-from .figure import Figure, PageData
+from .figure import Figure, encode
 from .figures import LINKS, motion_panels, phase_figure, robustness_figure
-from .inputs import check_suffix
 from .log_report import LogReport
 from .make import Section, Show
 
@@ -54,16 +53,16 @@ def render_page(sections: Sequence[Section], title: str = "Swinging up double pe
     names = [section.robot for section in sections]
     if not names or len(set(names)) < len(names):
         raise SwingupError(f"a report of {', '.join(names) or 'no robot'}: give one section for each robot")
-    data = PageData()
-    encoded = [_encode(section, data) for section in sections]
-    return _render(data, {"sections": encoded}, title=title, sections=list(zip(sections, encoded, strict=True)))
+    arrays: dict[str, int] = {}
+    encoded = [_encode(section, arrays) for section in sections]
+    return _render(arrays, {"sections": encoded}, title=title, sections=list(zip(sections, encoded, strict=True)))
 
 
 def render_log_page(report: LogReport) -> str:
     """Render a report about logs as the text of one HTML file."""
-    data = PageData()
-    figures = [None if part.figure is None else data.encode(part.figure) for part in report.parts]
-    return _render(data, {"figures": figures}, **vars(report))
+    arrays: dict[str, int] = {}
+    figures = [encode(part.figure, arrays) for part in report.parts]
+    return _render(arrays, {"figures": figures}, **vars(report))
 
 
 def save_log_report(report: LogReport, out: str | Path) -> None:
@@ -81,10 +80,10 @@ def save_log_report(report: LogReport, out: str | Path) -> None:
     write_atomically(out, content)
 
 
-def _render(data: PageData, shown: dict[str, Any], **texts: Any) -> str:
+def _render(arrays: Mapping[str, int], shown: dict[str, Any], **texts: Any) -> str:
     """Fill the template in."""
     content = json.dumps(
-        {"arrays": data.arrays, "sections": [], "figures": [], **shown}, allow_nan=False, separators=(",", ":")
+        {"arrays": list(arrays), "sections": [], "figures": [], **shown}, allow_nan=False, separators=(",", ":")
     )
     # Nothing in a script element may end it.
     for sign in "<\u2028\u2029":
@@ -118,7 +117,7 @@ def page_template() -> Any:
     return environment.from_string(_asset("page.html"))
 
 
-def _encode(section: Section, data: PageData) -> dict[str, Any]:
+def _encode(section: Section, arrays: dict[str, int]) -> dict[str, Any]:
     """A section as data of the page's scripts."""
     runs = {show.name: found for show in section.shows if (found := _drawable(show))}
     entries = _series(section.tables)
@@ -130,8 +129,8 @@ def _encode(section: Section, data: PageData) -> dict[str, Any]:
         "dt": LOOP_DT,
         "parameters": {name: float(getattr(section.plant, name)) for name in NAMES},
         "policy": None if section.policy is None else policy_data(section.policy),
-        "shows": [_encode_show(section, name, runs, data) for name in runs],
-        "robustness": data.encode(robustness_figure(bars, pale)) if bars else None,
+        "shows": [_encode_show(section, name, runs, arrays) for name in runs],
+        "robustness": encode(robustness_figure(bars, pale), arrays) if bars else None,
     }
 
 
@@ -149,18 +148,18 @@ def _drawable(show: Show) -> dict[str, Rows]:
 
 
 def _encode_show(
-    section: Section, name: str, playable: Mapping[str, Mapping[str, Rows]], data: PageData
+    section: Section, name: str, playable: Mapping[str, Mapping[str, Rows]], arrays: dict[str, int]
 ) -> dict[str, Any]:
     """A controller's runs for the player, and the figures that follow it."""
     runs, robot = playable[name], get_robot(section.robot)
     others = [each["undisturbed"] for key, each in playable.items() if key != name and "undisturbed" in each]
     rows = {
-        run: {"time": data.array(each.time), "x": data.encode(list(each.x.T)), "u": data.encode(list(each.u.T))}
+        run: encode({"time": each.time, "x": list(each.x.T), "u": list(each.u.T)}, arrays)
         for run, each in runs.items()
     }
     series = Figure(motion_panels(runs, robot, section.plant, others=others), shared=True)
-    figures = {"series": data.encode(series), "phases": data.encode(phase_figure(runs, robot, LINKS))}
-    return {"name": one_line(name), "runs": rows, "figures": figures}
+    figures = {"series": series, "phases": phase_figure(runs, robot, LINKS)}
+    return {"name": one_line(name), "runs": rows, "figures": encode(figures, arrays)}
 
 
 def _label(row: "Row") -> str:

@@ -8,11 +8,6 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..benchmark.boards import HARDWARE
-from ..benchmark.judge import judge
-from ..benchmark.result import Result
-from ..benchmark.rollout import Trajectory
-from ..benchmark.score import score
 from ..common.errors import SwingupError
 from ..controllers.registry import designs_for, get_controller
 from ..identification.fit.conventions import check_columns
@@ -23,7 +18,12 @@ from ..identification.open_loop import OpenLoop, predict_log, predicted_curves
 from ..loop.domain import Domain
 from ..loop.on_plant import loop_around
 from ..plant.robots import Robot, get_robot
-from .inputs import driven_robot
+from .boards import HARDWARE
+from .judge import judge
+from .recording import driven_robot
+from .result import Result
+from .rollout import Trajectory
+from .score import score
 
 MOST_PLANTS = 4
 """So many colours can be told apart."""
