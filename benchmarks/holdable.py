@@ -39,7 +39,7 @@ OFF = np.array([0.005, 0.0, 0.0, 0.0])
 """From upright at the start (rad, rad/s)."""
 TIME = 5.0
 """Of a run (s)."""
-FALLEN = 0.6
+FALLEN_ANGLE = 0.6
 """Error of an angle in its last second beyond which a pendulum has fallen (rad)."""
 BOUNDS = (0.0, 0.125, 0.25, 0.5, np.inf)
 """Between the rows of the table (rad)."""
@@ -79,7 +79,7 @@ def held(policy: PendulumPolicy, scenarios: list[Scenario], depth: int) -> np.nd
     with jax.enable_x64(True):
         x = np.asarray(states(stack(scenarios), np.stack(costs)))
     errors = np.abs(x[:, -500:, :2] - UPRIGHT[:2])
-    return np.asarray(errors.max((1, 2)) < FALLEN)
+    return np.asarray(errors.max((1, 2)) < FALLEN_ANGLE)
 
 
 def main() -> None:

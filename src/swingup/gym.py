@@ -28,7 +28,7 @@ from .drawing import draw_frame
 from .plant.plant import LEADERBOARD, PlantLike
 from .plant.robots import ROBOTS
 from .tasks.acrobot_swingup import AcrobotSwingup
-from .tasks.pendulum import DIVERGED, AbstractPendulumTask, PendulumState
+from .tasks.pendulum import DIVERGED_VELOCITY, AbstractPendulumTask, PendulumState
 from .tasks.presets import AnyPendulumTask, find_task
 from .tasks.task import Step
 
@@ -297,12 +297,14 @@ def _checked_start(options: dict[str, Any] | None) -> Float[np.ndarray, "4"] | N
         raise SwingupError(f"unknown reset option {quoted(unknown[0])}: use 'state' alone")
     try:
         start = np.asarray(options["state"], np.float64)
-        valid = start.shape == (4,) and bool(np.all(np.abs(start) < DIVERGED))
+        valid = start.shape == (4,) and bool(np.all(np.abs(start) < DIVERGED_VELOCITY))
     except (TypeError, ValueError):
         valid = False
     if not valid:
         given = quoted(options["state"])
-        raise SwingupError(f"state {given} must be [q1, q2, dq1, dq2], 4 numbers within ±{DIVERGED:g} (rad, rad/s)")
+        raise SwingupError(
+            f"state {given} must be [q1, q2, dq1, dq2], 4 numbers within ±{DIVERGED_VELOCITY:g} (rad, rad/s)"
+        )
     return start
 
 

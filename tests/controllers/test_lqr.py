@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import solve_continuous_are, solve_discrete_are
 
 from swingup.controllers.baselines.lqr import disturbance_gain, linearised, riccati_recursion, upright_lqr
-from swingup.controllers.baselines.published import PUBLISHED
+from swingup.controllers.baselines.published import PUBLISHED_SETTINGS
 from swingup.dynamics.angles import UPRIGHT
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.plant import LEADERBOARD
@@ -22,7 +22,7 @@ def robot(either_robot):
 
 @pytest.fixture
 def lqr(robot):
-    return upright_lqr(LEADERBOARD.driven(robot), robot, PUBLISHED[robot.name].lqr)
+    return upright_lqr(LEADERBOARD.driven(robot), robot, PUBLISHED_SETTINGS[robot.name].lqr)
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def upright_system(robot):
 
 
 def test_riccati_equation_holds(robot, lqr, upright_system):
-    (A, B), S, settings = upright_system, lqr.cost_to_go, PUBLISHED[robot.name].lqr
+    (A, B), S, settings = upright_system, lqr.cost_to_go, PUBLISHED_SETTINGS[robot.name].lqr
     Q, R = np.diag(settings.state_weights), settings.torque_weight
     residual = A.T @ S + S @ A - np.outer(S @ B, S @ B) / R + Q
     assert np.abs(residual).max() < 1e-9 * np.abs(S).max()
@@ -41,7 +41,7 @@ def test_riccati_equation_holds(robot, lqr, upright_system):
 
 
 def test_gain_of_a_disturbance_is_that_of_a_regulator_whose_state_it_is(robot, lqr, upright_system):
-    (A, B), settings = upright_system, PUBLISHED[robot.name].lqr
+    (A, B), settings = upright_system, PUBLISHED_SETTINGS[robot.name].lqr
     other = ROBOTS["pendubot" if robot.name == "acrobot" else "acrobot"]
     _, (D,) = linearised(LEADERBOARD.driven(robot), other, UPRIGHT[None], np.zeros(1))
     # The disturbance fades, but slowly: one that stays has no finite cost.

@@ -7,8 +7,8 @@ import pytest
 import swingup
 from refusals import refusal
 from swingup.controllers.baselines.baselines import baseline, shipped_reference
-from swingup.controllers.baselines.optimal import OPTIMAL
-from swingup.controllers.swingups.design import RESTING, _cheapest, compute_reference
+from swingup.controllers.baselines.optimal import OPTIMAL_SETTINGS
+from swingup.controllers.swingups.design import RESTING_STATE, _cheapest, compute_reference
 from swingup.controllers.swingups.ilqr import Solution
 from swingup.controllers.swingups.transition import PendulumTransition, TorqueRateTransition
 from swingup.dynamics.integrate import rk4_step
@@ -24,7 +24,7 @@ def ramped(robot, dt=0.002):
 
 def test_shipped_trajectories_are_the_plants_own(x64, robot):
     reference, metadata = shipped_reference(robot, "score")
-    problem = OPTIMAL[robot.name].swingup
+    problem = OPTIMAL_SETTINGS[robot.name].swingup
     assert (reference.robot, reference.dt) == (robot, problem.dt)
     assert len(reference.torque) == problem.steps
     p, u = LEADERBOARD.driven(robot), reference.torque[:, None] * np.array(robot.actuation)
@@ -32,7 +32,7 @@ def test_shipped_trajectories_are_the_plants_own(x64, robot):
     x0 = jnp.zeros(4)
     resimulated = jax.jit(lambda u: jax.lax.scan(lambda x, u: (rk4_step(p, x, u, 0.002), x), x0, u)[1])(u)
     np.testing.assert_allclose(reference.states, resimulated, atol=1e-8)
-    np.testing.assert_allclose(reference.states[-1], RESTING[:4], atol=5e-3)
+    np.testing.assert_allclose(reference.states[-1], RESTING_STATE[:4], atol=5e-3)
     assert np.abs(reference.torque).max() < 6.0
     assert metadata["status"] == "converged"
     command = f"swingup export tvlqr-score --robot={robot.name} --to=trajectory --seed=0 "
@@ -49,7 +49,7 @@ def test_score(robot):
 def test_no_small_change_of_the_torques_lowers_the_cost(x64, either_robot):
     robot = either_robot
     reference, metadata = shipped_reference(robot, "score")
-    problem, p, dt = OPTIMAL[robot.name].swingup, LEADERBOARD.driven(robot), reference.dt
+    problem, p, dt = OPTIMAL_SETTINGS[robot.name].swingup, LEADERBOARD.driven(robot), reference.dt
     rows, actuation = len(reference.torque), np.array(robot.actuation)
 
     @jax.jit
@@ -75,7 +75,7 @@ def test_no_small_change_of_the_torques_lowers_the_cost(x64, either_robot):
         angle = np.sum((x[:, :-1, 0] - np.pi) ** 2, axis=1) + np.pi**2
         stages = velocity_weight * velocity + angle_weight * angle
         stages += torque_weight * np.sum(u**2, axis=1) + problem.rate * np.sum(rate**2, axis=1)
-        final = (x[:, -1] - RESTING[:4]) ** 2 @ np.array(problem.weights.final)
+        final = (x[:, -1] - RESTING_STATE[:4]) ** 2 @ np.array(problem.weights.final)
         return dt * stages + final + problem.final_torque * last**2
 
     sines = np.sin(np.pi * np.arange(1, 7)[:, None] * np.linspace(0.0, 1.0, rows))
@@ -100,7 +100,7 @@ def test_the_torques_rate_moves_the_torque_only_in_its_own_step(x64):
 
 
 def test_guesses_are_seeded_and_end_at_rest(robot):
-    search = OPTIMAL[robot.name].swingup.search
+    search = OPTIMAL_SETTINGS[robot.name].swingup.search
     torques = search.guesses(181, 3)
     assert torques.shape == (search.starts, 181)
     np.testing.assert_array_equal(torques, search.guesses(181, 3))
@@ -122,6 +122,6 @@ def test_a_shipped_trajectory_can_be_recomputed():
     """One robot's, which takes half a minute: small changes, above, tell that the other one's is optimal, too."""
     pendubot = ROBOTS["pendubot"]
     shipped, metadata = shipped_reference(pendubot, "score")
-    reference, provenance = compute_reference(pendubot, OPTIMAL["pendubot"].swingup, metadata["seed"])
+    reference, provenance = compute_reference(pendubot, OPTIMAL_SETTINGS["pendubot"].swingup, metadata["seed"])
     assert provenance["cost"] == pytest.approx(metadata["cost"], rel=1e-4)
     np.testing.assert_allclose(reference.torque, shipped.torque, atol=1e-2)

@@ -12,9 +12,9 @@ from swingup.controllers.baselines import baselines, dry_friction
 from swingup.controllers.baselines.baselines import baseline, design_of, shipped_reference
 from swingup.controllers.baselines.dry_friction import holding_lqr
 from swingup.controllers.baselines.lqr import upright_lqr
-from swingup.controllers.baselines.optimal import OPTIMAL
+from swingup.controllers.baselines.optimal import OPTIMAL_SETTINGS
 from swingup.controllers.baselines.own_units import in_real_units, optimal_for, published_for
-from swingup.controllers.baselines.published import PUBLISHED
+from swingup.controllers.baselines.published import PUBLISHED_SETTINGS
 from swingup.controllers.swingups import design
 from swingup.controllers.swingups.design import design_model
 from swingup.controllers.swingups.ilqr import Solution
@@ -52,7 +52,7 @@ def drawn_plant(seed):
 def test_on_c1_the_plant_and_its_settings_are_c1s(robot):
     plant = LEADERBOARD.driven(robot)
     assert similar_plant(plant, scales_of(plant)) == plant
-    published, optimal = PUBLISHED[robot.name], OPTIMAL[robot.name]
+    published, optimal = PUBLISHED_SETTINGS[robot.name], OPTIMAL_SETTINGS[robot.name]
     found = published_for(published, 1.0)
     steps = dataclasses.replace(found.swingup, search=None, settings=published.swingup.settings)
     assert dataclasses.replace(found, swingup=steps) == published
@@ -63,13 +63,13 @@ def test_on_c1_the_plant_and_its_settings_are_c1s(robot):
 
 
 def test_a_step_keeps_its_real_length(robot):
-    found = published_for(PUBLISHED[robot.name], 0.5)
+    found = published_for(PUBLISHED_SETTINGS[robot.name], 0.5)
     assert (found.swingup.dt, found.swingup.steps) == (0.002, 3000)
     assert (found.mpc.dt, found.mpc.horizon) == (0.004, 50)
     # A coarse step is a whole number of fine ones, here 2 instead of 5.
-    score = optimal_for(OPTIMAL[robot.name], 0.5).swingup
+    score = optimal_for(OPTIMAL_SETTINGS[robot.name], 0.5).swingup
     assert (score.dt, score.steps) == (0.004, 2 * score.search.steps)
-    assert score.dt * score.steps == pytest.approx(0.002 * OPTIMAL[robot.name].swingup.steps, abs=0.004)
+    assert score.dt * score.steps == pytest.approx(0.002 * OPTIMAL_SETTINGS[robot.name].swingup.steps, abs=0.004)
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -139,7 +139,7 @@ def test_a_search_gets_longer_until_it_comes_up(monkeypatch, x64):
     assert durations == pytest.approx([problem.dt * problem.steps, 1.5 * problem.dt * problem.steps], abs=0.01)
     assert len(torque) == found.steps == round(1.5 * problem.steps)
     # The leaderboards' plant keeps the one duration that was chosen for it.
-    assert OPTIMAL[robot.name].swingup.search.durations == (1.0,)
+    assert OPTIMAL_SETTINGS[robot.name].swingup.search.durations == (1.0,)
 
 
 @pytest.mark.slow
@@ -205,7 +205,7 @@ def test_friction_of_the_passive_joint_is_counted_on_and_where_that_fails_is_sai
         assert ("its regulator holds this plant from" in caplog.text) is (name == "acrobot")
         with jax.enable_x64(True):
             plain = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], upright_lqr(own.model, *arguments[:2]))
-            held = dry_friction._errors_held(plain, own.rubbing, arguments[2]) < dry_friction.FALLEN
+            held = dry_friction._errors_held(plain, own.rubbing, arguments[2]) < dry_friction.FALLEN_ANGLE
         assert not held.any()  # without it the pendulum falls from everywhere
 
 

@@ -9,7 +9,7 @@ from refusals import refusal
 from swingup.common.arrays import save_arrays
 from swingup.controllers.baselines.baselines import shipped_reference
 from swingup.controllers.baselines.own_units import SEARCH
-from swingup.controllers.baselines.published import PUBLISHED
+from swingup.controllers.baselines.published import PUBLISHED_SETTINGS
 from swingup.controllers.swingups import design
 from swingup.controllers.swingups.design import compute_reference
 from swingup.controllers.swingups.ilqr import feedback_gains
@@ -31,7 +31,7 @@ ACROBOT = ROBOTS["acrobot"]
 
 
 def short_problem():
-    problem = PUBLISHED["acrobot"].swingup
+    problem = PUBLISHED_SETTINGS["acrobot"].swingup
     return dataclasses.replace(problem, steps=60, settings=dataclasses.replace(problem.settings, max_iterations=3))
 
 
@@ -59,7 +59,7 @@ def test_shipped_trajectories_have_the_published_figures(robot):
 def test_regularised_gains_are_weak(x64, either_robot):
     robot = either_robot
     reference, _ = shipped_reference(robot)
-    cost = PUBLISHED[robot.name].swingup.cost(len(reference.torque))
+    cost = PUBLISHED_SETTINGS[robot.name].swingup.cost(len(reference.torque))
     transition = PendulumTransition(LEADERBOARD.driven(robot), robot.joint, reference.dt, exact=False)
     states = np.concatenate([reference.states, UPRIGHT[None]])
     free = jax.jit(lambda x, u: feedback_gains(transition, cost, x, u, 0.0))(states, reference.torque)
@@ -70,7 +70,7 @@ def test_regularised_gains_are_weak(x64, either_robot):
 def test_a_shipped_trajectory_can_be_recomputed():
     """The acrobot's; the pendubot's takes more than four times as many iterations of the same program."""
     shipped, metadata = shipped_reference(ACROBOT)
-    reference, provenance = compute_reference(ACROBOT, PUBLISHED["acrobot"].swingup, metadata["seed"])
+    reference, provenance = compute_reference(ACROBOT, PUBLISHED_SETTINGS["acrobot"].swingup, metadata["seed"])
     assert provenance["cost"] == pytest.approx(metadata["cost"], rel=1e-6)
     np.testing.assert_allclose(reference.torque, shipped.torque, atol=1e-3)
 
@@ -79,7 +79,7 @@ def test_a_shipped_trajectory_can_be_recomputed():
 def test_the_optimiser_stays_at_the_pendubots_trajectory(monkeypatch):
     pendubot = ROBOTS["pendubot"]
     shipped, metadata = shipped_reference(pendubot)
-    problem = dataclasses.replace(PUBLISHED["pendubot"].swingup, search=SEARCH)
+    problem = dataclasses.replace(PUBLISHED_SETTINGS["pendubot"].swingup, search=SEARCH)
     # A search that finds it at once.
     monkeypatch.setattr(design, "_searched", lambda *_: (problem, shipped.torque))
     found, provenance = compute_reference(pendubot, problem, metadata["seed"])

@@ -10,7 +10,7 @@ import pytest
 from refusals import refusal
 from swingup.cli.refining import adapted_domain
 from swingup.dynamics.integrate import stable_substeps
-from swingup.loop.domain import PLANT, SHIPPED, load_domain, make_domain
+from swingup.loop.domain import PLANT, SHIPPED_DOMAINS, load_domain, make_domain
 from swingup.loop.draw import draw
 from swingup.loop.loop import VALUES
 from swingup.plant.plant import NAMES, load_plant
@@ -111,7 +111,7 @@ def test_bad_domains(tmp_path, named):
     assert named in refusal(load_domain, tmp_path / "bad.yml")
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("name", SHIPPED_DOMAINS)
 def test_steps_are_stable_on_all_plants_of_a_domain(name):
     domain = load_domain(name)
     period = domain.high.value("period") * (3 if domain.effects.late else 1)

@@ -12,10 +12,10 @@ from swingup.plant.base_parameters import (
     Spread,
     base_covariance,
     base_parameters,
+    feasible_fraction,
     friction_of,
     geometry_of,
     lumped,
-    share_allowed,
 )
 from swingup.plant.maths import NUMPY
 from swingup.plant.momentum import mean_arctan, momentum_rows
@@ -121,7 +121,7 @@ def test_mass_matrix_stays_positive_definite():
     cut = 0
     for _ in range(50):
         theta = nominal * (1 + random.normal(size=BASE))
-        share = share_allowed(theta, nominal, GEOMETRY, 0.2, min, math.sqrt)
+        share = feasible_fraction(theta, nominal, GEOMETRY, 0.2, min, math.sqrt)
         allowed = nominal + share * (theta - nominal)
         assert 0 < share <= 1
         # Exactly as far as it may, or all the way.

@@ -103,7 +103,7 @@ def moved(robot, plant, gain=1.0, wrong=(0.0, 0.0), steps=1200, load=None):
         t, u = step * DT, np.zeros(2)
         state = core.observe(NUMPY, loop, state, np.add(x[:2], wrong), 0, DT)
         u[robot.joint] = 1.5 * math.sin(6.5 * t) + math.sin(15 * t + 1)
-        b, cf = (pair[passive] for pair in core.found(NUMPY, loop, state).asked)
+        b, cf = (pair[passive] for pair in core.found(NUMPY, loop, state).commanded_friction)
         u[passive] = np.clip(friction(b, cf, x[2 + passive], math.atan), -limit, limit)
         state = core.remember(NUMPY, state, u.copy())
         u[passive] *= gain
@@ -133,11 +133,11 @@ def test_it_finds_springs_and_constant_torques(either_robot):
     """A motor carries all of its own joint's load; a compensating one carries it as the driven one would."""
     load = Load((0.05, -0.03), (0.03, 0.02))
     _, found = moved(either_robot, changed(either_robot, 0.15), load=load)
-    np.testing.assert_allclose(found.carried.constant, load.constant, rtol=0, atol=0.01)
+    np.testing.assert_allclose(found.commanded_load.constant, load.constant, rtol=0, atol=0.01)
     # About hanging a spring at the shoulder looks like a little more of gravity.
-    np.testing.assert_allclose(found.carried.spring, load.spring, rtol=0, atol=0.02)
+    np.testing.assert_allclose(found.commanded_load.spring, load.spring, rtol=0, atol=0.02)
     left = found.load.at(1.0, 1.0)
-    assert left[either_robot.joint] == sum(pair[either_robot.joint] for pair in found.carried)
+    assert left[either_robot.joint] == sum(pair[either_robot.joint] for pair in found.commanded_load)
     assert left[1 - either_robot.joint] == pytest.approx(0.0, abs=1e-12)
 
 
@@ -148,7 +148,7 @@ def test_it_finds_the_gain_of_the_undriven_joints_motor(either_robot, gain):
     state, found = moved(either_robot, plant, gain)
     assert state.unknowns[GAIN] == pytest.approx(gain, abs=0.05)
     assert found.theta[6 + passive] == pytest.approx(0.3, abs=0.015)
-    told, remaining = found.told, found.friction
+    told, remaining = found.residual_base, found.friction
     assert told[6 + passive] == pytest.approx(0.0 if gain else 0.3, abs=0.02)
     assert told[7 - passive] == pytest.approx(0.0, abs=1e-12)
     assert remaining.coulomb[passive] == pytest.approx(told[6 + passive], abs=1e-12)

@@ -95,11 +95,11 @@ def watched(found):
     shown, torque, inner = [], found.inner._torque, found.inner
 
     def watching(estimate):
-        carried = inner.found.carried
+        carried = inner.found.commanded_load
         loads = (0.0, 0.0) if carried is None else carried.at(*estimate[:2])
-        each = zip(*inner.found.asked, estimate[2:], loads, strict=True)
+        each = zip(*inner.found.commanded_friction, estimate[2:], loads, strict=True)
         against = [friction(b, cf, rate, math.atan) + load for b, cf, rate, load in each]
-        shown.append((estimate.copy(), list(inner.found.told), against))
+        shown.append((estimate.copy(), list(inner.found.residual_base), against))
         return torque(estimate)
 
     inner._torque = watching

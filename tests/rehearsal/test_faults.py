@@ -7,7 +7,7 @@ from swingup.cli import main
 from swingup.rehearsal.folder import Folder, find_folder
 from swingup.rehearsal.process import FolderProcess
 
-LOADING, CALLING = 30.0, 5.0
+LOADING_TIME, CALLING_TIME = 30.0, 5.0
 """For a busy machine (s); what must hang has less."""
 
 
@@ -21,12 +21,12 @@ def write_folder(folder, body="return [0.0, 0.5]", head="", name="con_fake.py", 
 
 
 def start(folder, **limits):
-    return FolderProcess(find_folder(folder), simulated_clock=True, **({"loading": LOADING} | limits))
+    return FolderProcess(find_folder(folder), simulated_clock=True, **({"loading": LOADING_TIME} | limits))
 
 
 def call(folder, **limits):
     """The answer to one call at t = 1 s."""
-    with start(folder, **({"calling": CALLING} | limits)) as process:
+    with start(folder, **({"calling": CALLING_TIME} | limits)) as process:
         process.send(1.0, np.arange(4.0))
         return process.receive()
 
@@ -64,7 +64,7 @@ def test_a_good_folder_answers_by_numpy_alone_and_prints_where_nothing_waits(tmp
         process.send(1.0, np.arange(4.0))
         reply = process.receive()
         assert reply.u.tolist() == [0.0, 4.0]
-        assert (reply.seconds < CALLING, reply.stopped) == (True, False)
+        assert (reply.seconds < CALLING_TIME, reply.stopped) == (True, False)
         assert process.facts["robot"] == "acrobot"
         assert process.facts["packages"] == ["numpy"]
         assert process.guard_report() == {"guard": False, "stopped": None}

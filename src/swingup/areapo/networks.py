@@ -19,7 +19,7 @@ from jaxtyping import Array, Float, Int, Shaped
 
 from ..common.errors import SwingupError
 from ..common.types import Key
-from ..policy.network.layers import RELU, SUM_GROUP, Activation
+from ..policy.network.layers import FLOAT32_SUM_WIDTH, RELU, Activation
 
 LOG_STD_RANGE = (-20.0, 2.0)
 """Range to which log σ is clamped (authors' code)."""
@@ -258,10 +258,10 @@ def product(weight: Float[Array, "out in"], x: Float[Array, "in *batch"]) -> Flo
     groups of inputs, and the groups in double, in half the time; a shipped policy's torque changes by at most
     2e-5 N m. Layers with few inputs or few outputs cost little without it.
     """
-    if (weight.dtype, x.dtype) != (jnp.float32, jnp.float64) or min(weight.shape) < SUM_GROUP:
+    if (weight.dtype, x.dtype) != (jnp.float32, jnp.float64) or min(weight.shape) < FLOAT32_SUM_WIDTH:
         return weight @ x
     rounded = x.astype(weight.dtype)
-    parts = [slice(start, start + SUM_GROUP) for start in range(0, len(x), SUM_GROUP)]
+    parts = [slice(start, start + FLOAT32_SUM_WIDTH) for start in range(0, len(x), FLOAT32_SUM_WIDTH)]
     return sum((weight[:, part] @ rounded[part]).astype(x.dtype) for part in parts)  # type: ignore[return-value]
 
 

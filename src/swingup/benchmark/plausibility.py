@@ -15,7 +15,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..common.checks import LARGEST
+from ..common.checks import LARGEST_NUMBER
 from ..dynamics.integrate import rk4_steps, stable_substeps
 from ..plant.equations import lump
 from ..plant.plant import LEADERBOARD, Plant, load_plant
@@ -243,7 +243,7 @@ def _stretch(period: np.ndarray, x: Float[np.ndarray, "rows 4"]) -> _Found:
     moved = _in_windows(_wrapped(np.diff(x[:, :2], axis=0)), period)
     # Velocities are those at a row, or differences to the row before or after it.
     after, before = (_in_windows(period[:, None] * rates, period) for rates in (x[1:, 2:], x[:-1, 2:]))
-    squares = max(float(np.sum(moved**2)), 1 / LARGEST)
+    squares = max(float(np.sum(moved**2)), 1 / LARGEST_NUMBER)
     ratios = [float(np.sum(moved * told)) / squares for told in (after, before, 0.5 * (after + before))]
     ratio = min(ratios, key=lambda each: abs(each - 1)) if moved.any() else 1.0
     if abs(ratio - 1) > STRETCH[0]:
@@ -300,7 +300,7 @@ def _defect(
     """Simulate every row of a simulation to the next, without friction and with it, and keep the better plant."""
     # Longer periods are cut short and then ignored: every row stays, and the batch keeps its shape.
     step = np.minimum(period, COARSEST)
-    scales, least = scales_of(plants[1]), LARGEST
+    scales, least = scales_of(plants[1]), LARGEST_NUMBER
     for parameters in plants:
         with jax.enable_x64(True):
             # C.1 keeps one step, with friction as well.
@@ -308,7 +308,7 @@ def _defect(
             after = np.asarray(_steps(parameters, x[:-1], u[:-1], step, min(number, MOST_SUBSTEPS)))
         defect = np.where((period <= COARSEST)[:, None], x[1:, 2:] - after[:, 2:], 0.0)
         found = _largest(_in_windows(defect, period))
-        least = min(least, found if math.isfinite(found) else LARGEST)
+        least = min(least, found if math.isfinite(found) else LARGEST_NUMBER)
     if least > scales.scaled(DEFECT if drawn else TRACE, VELOCITY):
         yield Finding(
             "one_step_defect",

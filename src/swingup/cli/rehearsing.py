@@ -10,7 +10,7 @@ from ..benchmark.boards import SIM2REAL, swing_up_board
 from ..benchmark.trajectory_file import save_trajectory
 from ..common.checks import positive_number
 from ..common.files import check_writable
-from ..rehearsal.process import CALLING
+from ..rehearsal.process import CALLING_TIME
 from ..rehearsal.rehearse import rehearse
 from ..rehearsal.result import Rehearsal, spread
 from .arguments import OptionalDomain, OptionalFile, OptionalRobot
@@ -30,7 +30,7 @@ def rehearse_command(
     seed: int = 0,
     seeds: int | None = None,
     real_time: bool = False,
-    timeout: float = CALLING,
+    timeout: float = CALLING_TIME,
     json: bool = False,
     save: OptionalFile = None,
 ) -> int:

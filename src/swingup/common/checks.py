@@ -9,7 +9,7 @@ from typing import Any
 from .errors import SwingupError
 from .text import quoted
 
-LARGEST = 1e9
+LARGEST_NUMBER = 1e9
 """No quantity in SI units comes near this; squares of larger numbers might overflow."""
 
 
@@ -23,7 +23,9 @@ def is_number(value: Any) -> bool:
         return False
 
 
-def finite_number(name: str, value: Any, least: float = -LARGEST, most: float = LARGEST, unit: str = "") -> float:
+def finite_number(
+    name: str, value: Any, least: float = -LARGEST_NUMBER, most: float = LARGEST_NUMBER, unit: str = ""
+) -> float:
     """A finite number from ``least`` to ``most``."""
     if not is_number(value) or not least <= value <= most:
         wanted = f"a number from {least:g} to {most:g}{unit and ' '}{unit}"
@@ -31,7 +33,7 @@ def finite_number(name: str, value: Any, least: float = -LARGEST, most: float = 
     return float(value)
 
 
-def positive_number(name: str, value: Any, most: float = LARGEST, unit: str = "") -> float:
+def positive_number(name: str, value: Any, most: float = LARGEST_NUMBER, unit: str = "") -> float:
     """A finite number above 0, at most ``most``."""
     if not is_number(value) or not 0 < value <= most:
         raise SwingupError(f"{name} = {quoted(value)}: use a positive number up to {most:g}{unit and ' '}{unit}")

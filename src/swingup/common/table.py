@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from .checks import LARGEST
+from .checks import LARGEST_NUMBER
 from .columns import SHORT_NAMES, Column, parse_columns, suggest_columns, unit_size
 from .errors import SwingupError
 from .files import write_atomically
@@ -233,7 +233,7 @@ def _number(where: str, cells: Cells, cell: Any, label: str, gaps: bool, epoch: 
     if epoch:
         # An exact difference: a double has too few digits for a time since 1970.
         value = float(Decimal(text) - epoch)
-    if abs(value) > LARGEST and not (label.startswith("time") and gaps):
+    if abs(value) > LARGEST_NUMBER and not (label.startswith("time") and gaps):
         raise SwingupError(f"{where}: {str(cell)[:40]} is too large for a pendulum in SI units: correct it")
     return value
 

@@ -13,7 +13,7 @@ from xml.parsers import expat
 
 import numpy as np
 
-from .checks import LARGEST
+from .checks import LARGEST_NUMBER
 from .errors import SwingupError
 from .files import read_bytes
 from .text import one_line, quoted
@@ -55,7 +55,7 @@ class Attributes:
             number = float(word)
         except ValueError:
             number = np.nan
-        if not abs(number) < LARGEST:
+        if not abs(number) < LARGEST_NUMBER:
             raise SwingupError(f"{self.where} has {name} = {quoted(word)}: write a finite number")
         return number
 

@@ -13,7 +13,7 @@ from ..plant.equations import COULOMB_STEEPNESS, lump, mass_entries
 from ..plant.plant import Plant
 from .dynamics import derivative
 
-STIFFEST = 2.5
+LARGEST_STIFFNESS = 2.5
 """Largest λ dt of one step of RK4, which diverges above 2.79; C.1 as identified has 2.26 at 2 ms."""
 
 ELBOWS = 9
@@ -36,7 +36,7 @@ def friction_rate(parameters: Plant) -> float:
 
 def stable_substeps(parameters: Plant, dt: float) -> int:
     """Steps of RK4 in which dt (s) has to be taken, so that friction near rest stays stable: 1 without friction."""
-    return max(1, math.ceil(friction_rate(parameters) * dt / STIFFEST))
+    return max(1, math.ceil(friction_rate(parameters) * dt / LARGEST_STIFFNESS))
 
 
 def rk4_steps(parameters: Plant, x: State, u: Torque, dt: float | Scalar, number: int) -> State:

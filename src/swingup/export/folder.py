@@ -44,7 +44,7 @@ CELL_TORQUE = 0.15
 PACKAGE = "{name}_controller"
 """Name of the copied source, so that an installed swingup or another entry is never meant."""
 
-COMMON = tuple(
+COMMON_FILES = tuple(
     f"common/{name}.py"
     for name in ("__init__", "arrays", "checks", "errors", "files", "riccati", "settings", "text")
 )
@@ -53,11 +53,11 @@ COMMON = tuple(
 NOT_ON_ROBOTS = ("model_files", "measured.py", "save.py")
 """What reads and writes plants' files of other kinds."""
 
-GUARDED = (
+GUARDED_NOTE = (
     "It is behind a safety guard, whose settings are in the entry. `controller.fault` says why it stopped the\n"
     "controller, and `controller.reset()` lets it act again. Simulations beyond its limits need `guard = False`."
 )
-UNGUARDED = "It has no safety guard: check every torque that goes to a motor."
+UNGUARDED_NOTE = "It has no safety guard: check every torque that goes to a motor."
 
 BY_AREAPO = "policy by AR-EAPO (average-reward entropy advantage policy optimisation)"
 
@@ -134,7 +134,7 @@ def cloudpendulum_notes(policy: PendulumPolicy) -> list[str]:
 
 def _sources(root: Traversable) -> list[str]:
     """Paths of what a controller needs of this package, besides its interface."""
-    found, folders = list(COMMON), ["plant", "policy"]
+    found, folders = list(COMMON_FILES), ["plant", "policy"]
     for folder in folders:
         for each in (root / folder).iterdir():
             path = f"{folder}/{each.name}"
@@ -183,7 +183,7 @@ def readme_values(policy: PendulumPolicy, name: str) -> dict[str, str]:
     )
     return {
         "ESTIMATOR": f"It is shown {seen}.",
-        "GUARD": GUARDED if policy.guard else UNGUARDED,
+        "GUARD": GUARDED_NOTE if policy.guard else UNGUARDED_NOTE,
         "JOINT": ("shoulder", "elbow")[policy.robot.joint],
         "KIND": f"A network distilled from teachers, one of which is a {BY_AREAPO}"
         if policy.regulator

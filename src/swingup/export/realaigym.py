@@ -24,11 +24,11 @@ from ..policy.guard.core import Guard
 from ..policy.guard.settings import Fault
 from ..policy.numpy_backend.controller import NumpyPolicy
 
-SAVED = "controller_swingup.json"
+SAVED_FILE = "controller_swingup.json"
 """Where ``save`` writes."""
-KEPT = 30_000
+KEPT_ENTRIES = 30_000
 """Entries of a history that are always kept; at most twice as many are."""
-NONE = np.zeros(2)
+NO_TORQUES = np.zeros(2)
 """Gravity compensation, of every call (N m)."""
 
 
@@ -142,7 +142,12 @@ class RealAIGymController:
         # A stopped controller gives no compensation either.
         if self.fault is not None:
             compensation = np.zeros(2)
-        _keep((self.x_hist, measured), (self.u_fric_hist, compensation), (self.u_grav_hist, NONE), (self.u_hist, u))
+        _keep(
+            (self.x_hist, measured),
+            (self.u_fric_hist, compensation),
+            (self.u_grav_hist, NO_TORQUES),
+            (self.u_hist, u),
+        )
         # RealAIGym's loop adds to the result and clips it in place: the history must not change with it.
         return u.copy()
 
@@ -160,7 +165,7 @@ class RealAIGymController:
         settings = {"damping": self._damping.tolist(), "coulomb_fric": self._coulomb.tolist()}
         text = json.dumps({"robot": self.robot.name, **self._about, **settings}, indent=2)
         make_folder(directory)
-        write_atomically(Path(directory) / SAVED, (text + "\n").encode())
+        write_atomically(Path(directory) / SAVED_FILE, (text + "\n").encode())
 
     def set_filter(self, filter: Any = None) -> None:
         """Filter measurements from now on, after ``reset()`` as well.
@@ -212,8 +217,8 @@ def _keep(*entries: tuple[list[np.ndarray], np.ndarray]) -> None:
     for history, entry in entries:
         history.append(entry)
         # Many at a time: a list moves all that stays at each deletion.
-        if len(history) > 2 * KEPT:
-            del history[:KEPT]
+        if len(history) > 2 * KEPT_ENTRIES:
+            del history[:KEPT_ENTRIES]
 
 
 def _two(name: str, given: Any) -> np.ndarray:

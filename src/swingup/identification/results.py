@@ -23,7 +23,7 @@ TITLES = {
 DEAD_TIME = "delay + lag"
 RATIOS = tuple(name for name in BASE_NAMES if name != "k")
 """Entries that a free fall determines only as multiples of m1 r1 + m2 l1."""
-OWN = (*NAMES[9:12], *NAMES[13:])
+SESSION_ENTRIES = (*NAMES[9:12], *NAMES[13:])
 """Entries that each session has: offsets, the gain of both motors, delay and lag."""
 
 LEVEL = 0.95
@@ -92,9 +92,9 @@ def read_solution(
 
 def _places(sessions: int) -> dict[str, tuple[int, int]]:
     """Session and entry of each name: the plant's once, those of a session with its number."""
-    places = {TITLES.get(name, name): (0, INDEX[name]) for name in (*BASE_NAMES, *OWN)}
+    places = {TITLES.get(name, name): (0, INDEX[name]) for name in (*BASE_NAMES, *SESSION_ENTRIES)}
     for session in range(1, sessions):
-        places |= {TITLES.get(name, name) + _tail(session): (session, INDEX[name]) for name in OWN}
+        places |= {TITLES.get(name, name) + _tail(session): (session, INDEX[name]) for name in SESSION_ENTRIES}
     return places
 
 

@@ -13,7 +13,15 @@ from ..common.checks import one_of, whole_number
 from ..common.errors import SwingupError
 from ..common.text import command_line, one_line, quoted
 from ..common.version import __version__
-from ..plant.plant import FRICTIONLESS, LEADERBOARD, SHIPPED_PLANTS, Plant, is_plant_name, load_plant, make_plant
+from ..plant.plant import (
+    FRICTIONLESS_SUFFIX,
+    LEADERBOARD,
+    SHIPPED_PLANTS,
+    Plant,
+    is_plant_name,
+    load_plant,
+    make_plant,
+)
 from ..plant.robots import ROBOTS, get_robot
 from ..tasks.adapted import AbstractAdaptedTask
 from ..tasks.pendulum import AbstractPendulumTask
@@ -142,7 +150,7 @@ class RunSettings:
 
 def _is_named(plant: Plant) -> bool:
     """Whether the command line can name a plant: changed numbers may have kept a shipped plant's name."""
-    name = plant.name.removesuffix(FRICTIONLESS)
+    name = plant.name.removesuffix(FRICTIONLESS_SUFFIX)
     if name not in SHIPPED_PLANTS:
         return is_plant_name(name)
     shipped = load_plant(name)

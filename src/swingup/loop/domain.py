@@ -50,7 +50,14 @@ MASSES = ("m2", "l1", "r2", "I1", "I2", "Ir", "gr")
 SESSIONS = ("excitation", "acrobot", "pendubot", "acrobot-pushed", "acrobot-iros", "pendubot-iros")
 """Sessions of the robot of design C.1, each with its fitted plant and loop: the domains ``session-...``."""
 
-SHIPPED = ("identified", "randomised", "recorded", "imperfect", "cells", *(f"session-{name}" for name in SESSIONS))
+SHIPPED_DOMAINS = (
+    "identified",
+    "randomised",
+    "recorded",
+    "imperfect",
+    "cells",
+    *(f"session-{name}" for name in SESSIONS),
+)
 """Domains that the package ships."""
 
 
@@ -221,13 +228,13 @@ def load_domain(source: str | Path) -> Domain:
         SwingupError: there is no such domain, the file cannot be read, or its content makes none.
     """
     source = str(source)
-    if source in SHIPPED:
+    if source in SHIPPED_DOMAINS:
         with resources.as_file(resources.files(__package__) / "domains" / f"{source}.yml") as path:
             return make_domain(read_map(path, "domain"), source)
     if source in SHIPPED_PLANTS or is_model_file(source):
         return make_domain({"plant": load_plant(source)}, source)
     if not source.endswith(PARAMETER_FILES):
-        one_of("domain", source, (*SHIPPED, *SHIPPED_PLANTS), " or a YAML file (.yml)")
+        one_of("domain", source, (*SHIPPED_DOMAINS, *SHIPPED_PLANTS), " or a YAML file (.yml)")
     try:
         return make_domain(read_map(source, "domain"), source, Path(source).parent)
     except SwingupError as error:

@@ -6,7 +6,7 @@ from typing import Annotated, TypeAlias
 
 import jax
 
-from ..common.checks import LARGEST, one_of
+from ..common.checks import LARGEST_NUMBER, one_of
 from ..common.settings import Range, notes
 from ..common.types import Scalar
 from ..plant.units import COMPLIANCE, DAMPING, TORQUE, TORQUE_RATE, VELOCITY
@@ -33,7 +33,7 @@ class Loop:
     Numbers without a unit in their annotation are angles, shares, or real time, which stays around any pendulum.
     """
 
-    passive_limit: Annotated[Number, Range(0.0, LARGEST), TORQUE] = 0.0
+    passive_limit: Annotated[Number, Range(0.0, LARGEST_NUMBER), TORQUE] = 0.0
     """Torque limit of the motor of the passive joint, which compensates friction (N m)."""
     delay: Annotated[Number, Range(0.0, 0.2)] = 0.0
     """Age of a measurement (s)."""
@@ -43,13 +43,13 @@ class Loop:
     """Standard deviation of the noise on a motor's torque (N m)."""
     response: Annotated[Number, Range(0.0, 2.0)] = 1.0
     """Part of a change of torque that a motor makes within a step; 1 is a perfect motor."""
-    rate_limit: Annotated[Number, Range(0.0, LARGEST), TORQUE_RATE] = 1e6
+    rate_limit: Annotated[Number, Range(0.0, LARGEST_NUMBER), TORQUE_RATE] = 1e6
     """Fastest change of a motor's torque (N m/s)."""
-    ripple: Annotated[Number, Range(0.0, LARGEST), TORQUE] = 0.0
+    ripple: Annotated[Number, Range(0.0, LARGEST_NUMBER), TORQUE] = 0.0
     """Amplitude of the torque ripple (N m)."""
-    ripple_periods: Annotated[Number, Range(0.0, LARGEST)] = 36.0
+    ripple_periods: Annotated[Number, Range(0.0, LARGEST_NUMBER)] = 36.0
     """Periods of the ripple in a turn of the joint."""
-    push: Annotated[Number, Range(0.0, LARGEST), TORQUE] = 0.0
+    push: Annotated[Number, Range(0.0, LARGEST_NUMBER), TORQUE] = 0.0
     """Largest peak of the one push on the driven joint (N m)."""
     quantum1: Annotated[Number, Range(0.0, 0.1)] = 0.0
     """Step of the shoulder's measured angle (rad)."""
@@ -69,25 +69,25 @@ class Loop:
     """Delivered over asked torque of the shoulder's motor."""
     gain2: Annotated[Number, Range(0.0, 10.0)] = 1.0
     """Delivered over asked torque of the elbow's motor."""
-    passive_push: Annotated[Number, Range(0.0, LARGEST), TORQUE] = 0.0
+    passive_push: Annotated[Number, Range(0.0, LARGEST_NUMBER), TORQUE] = 0.0
     """Largest peak of the one push on the passive joint (N m)."""
-    spring1: Annotated[Number, Range(0.0, LARGEST), TORQUE] = 0.0
+    spring1: Annotated[Number, Range(0.0, LARGEST_NUMBER), TORQUE] = 0.0
     """Stiffness of a spring or cable at the shoulder, relaxed at 0 (N m/rad)."""
-    spring2: Annotated[Number, Range(0.0, LARGEST), TORQUE] = 0.0
+    spring2: Annotated[Number, Range(0.0, LARGEST_NUMBER), TORQUE] = 0.0
     """Stiffness of a spring or cable at the elbow, relaxed at 0 (N m/rad)."""
-    load1: Annotated[Number, Range(-LARGEST, LARGEST), TORQUE] = 0.0
+    load1: Annotated[Number, Range(-LARGEST_NUMBER, LARGEST_NUMBER), TORQUE] = 0.0
     """Constant torque against positive motion of the shoulder (N m)."""
-    load2: Annotated[Number, Range(-LARGEST, LARGEST), TORQUE] = 0.0
+    load2: Annotated[Number, Range(-LARGEST_NUMBER, LARGEST_NUMBER), TORQUE] = 0.0
     """Constant torque against positive motion of the elbow (N m)."""
-    stiction1: Annotated[Number, Range(0.0, LARGEST), TORQUE] = 0.0
+    stiction1: Annotated[Number, Range(0.0, LARGEST_NUMBER), TORQUE] = 0.0
     """Dry friction that the shoulder has at rest alone, beside the plant's (N m)."""
-    stiction2: Annotated[Number, Range(0.0, LARGEST), TORQUE] = 0.0
+    stiction2: Annotated[Number, Range(0.0, LARGEST_NUMBER), TORQUE] = 0.0
     """Dry friction that the elbow has at rest alone, beside the plant's (N m)."""
-    compliance2: Annotated[Number, Range(0.0, LARGEST), COMPLIANCE] = 0.0
+    compliance2: Annotated[Number, Range(0.0, LARGEST_NUMBER), COMPLIANCE] = 0.0
     """Angle by which the elbow's encoder, on the motor's side, leads the link under torque (rad/(N m))."""
     backlash2: Annotated[Number, Range(0.0, 1.0)] = 0.0
     """Play between the elbow's encoder, on the motor's side, and the link (rad)."""
-    sag: Annotated[Number, Range(0.0, LARGEST), DAMPING] = 0.0
+    sag: Annotated[Number, Range(0.0, LARGEST_NUMBER), DAMPING] = 0.0
     """Torque limit that a driving motor loses for its joint's velocity (N m s/rad): its supply gives way."""
     period: Annotated[Number, Range(0.001, 0.006)] = LOOP_DT
     """Nominal time of a turn of the loop (s). A board's rows are its turns, whatever they last."""

@@ -8,9 +8,9 @@ from ..plant.units import scaled, scales_of
 from .domain import Domain, PlantInLoop, load_domain, make_domain
 from .loop import VALUES
 
-PERFECT = "none"
+NO_LOOP = "none"
 """The name of a perfect loop among those of domains."""
-ALONE = "C.1"
+PLANT_ALONE = "C.1"
 """The plant where neither a plant nor a domain is given: design C.1 as identified, in a perfect loop."""
 
 
@@ -27,9 +27,9 @@ def loop_around(plant: PlantLike | Domain | None, domain: Domain | str | None) -
         domain: the loop, by itself or by name; None or "none" for a perfect loop.
     """
     if isinstance(domain, str):
-        domain = None if domain == PERFECT else load_domain(domain)
+        domain = None if domain == NO_LOOP else load_domain(domain)
     if plant is None:
-        return plant_as_domain(ALONE) if domain is None else domain
+        return plant_as_domain(PLANT_ALONE) if domain is None else domain
     facts = plant if isinstance(plant, Domain) else plant_as_domain(plant)
     if domain is None:
         return facts

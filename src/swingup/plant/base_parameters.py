@@ -100,7 +100,9 @@ def friction_of(theta: Any) -> Friction:
     return Friction((theta[4], theta[5]), (theta[6], theta[7]))
 
 
-def share_allowed(theta: Any, nominal: Any, geometry: Geometry, margin: float, minimum: Any, root: Any) -> Number:
+def feasible_fraction(
+    theta: Any, nominal: Any, geometry: Geometry, margin: float, minimum: Any, root: Any
+) -> Number:
     """The largest share s in [0, 1] of the step θ0 + s (θ - θ0) whose mass matrix is at least margin M(θ0).
 
     M is linear in θ, so that the eigenvalues of M(θ0)⁻¹ M go straight from 1 to those of θ. For any θ the least of

@@ -12,7 +12,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from ..common.checks import LARGEST, one_of
+from ..common.checks import LARGEST_NUMBER, one_of
 from ..common.errors import SwingupError
 from ..common.text import one_line, quoted
 from .damped import Friction
@@ -20,7 +20,7 @@ from .equations import Number, lump, mass_entries
 from .robots import TORQUE_LIMIT, Robot, get_robot
 from .units import torque_over_gravity
 
-FRICTIONLESS = ", frictionless"
+FRICTIONLESS_SUFFIX = ", frictionless"
 """Ends the name of a plant whose friction was left out."""
 
 
@@ -105,7 +105,7 @@ class Plant:
 
     def frictionless(self) -> "Plant":
         """The plant without friction and rotors' inertia, idealised as the leaderboards idealise C.1."""
-        name = f"{self}{FRICTIONLESS}"
+        name = f"{self}{FRICTIONLESS_SUFFIX}"
         return validated(dataclasses.replace(self, b1=0.0, b2=0.0, cf1=0.0, cf2=0.0, Ir=0.0, name=name))
 
     def summary(self, robot: Robot | str) -> dict[str, Any]:
@@ -231,8 +231,8 @@ def _real(name: str, value: Any) -> float:
         raise SwingupError(
             f"parameter {name} = {quoted(value)} is not a number: write its value in SI units"
         ) from None
-    if not abs(real) < LARGEST:
-        raise SwingupError(f"parameter {name} = {real:g} must be finite and below {LARGEST:g}: use SI units")
+    if not abs(real) < LARGEST_NUMBER:
+        raise SwingupError(f"parameter {name} = {real:g} must be finite and below {LARGEST_NUMBER:g}: use SI units")
     return real
 
 

@@ -63,7 +63,7 @@ static inline const double *swingup_base_parameters(const swingup_controller *c)
 static inline double swingup_act(swingup_controller *c, const double x[4])
 {
 #if SWINGUP_HAS_IDENTIFIER
-    const double *base = c->estimator.identifier.told;
+    const double *base = c->estimator.identifier.residual_base;
 #else
     const double *base = swingup_theta;
 #endif

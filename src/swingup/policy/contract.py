@@ -7,7 +7,7 @@ torques u = [u1, u2] (N m) of shoulder and elbow.
   estimator, rounding feeds back: 1e-9 over a whole run.
 - A policy that sees its plant runs as the ordinary policy that it is for the plant of its file. Behind an
   identifier it is told the plant found so far, which depends on its own torques: 1e-9 holds where it reacts little
-  to the plant. A strong reaction lets rounding grow in a replay, whose motion does not follow the torques. The
+  to the plant. A replay does not close the loop: there a strong reaction lets rounding grow. The
   shipped ``adaptive`` keeps to 1e-6 in double precision where the motors are given the same torques.
 - No torque is beyond its motor's limit, with and without a safety guard: the plant's of the driven joint; of the
   passive joint the friction compensation's of an identifier, or 0.
@@ -22,7 +22,7 @@ torques u = [u1, u2] (N m) of shoulder and elbow.
 ``tests/policy/test_conformance.py`` holds every back end to it, ``tests/policy/test_guard.py`` the guards in NumPy
 and in C. ONNX graphs and the page's JavaScript run the network alone, folded for the file's plant, with nothing
 around it. Hidden layers of ReLU run everywhere, others in JAX and NumPy alone (``policy/network/layers.py:
-check_plain``). JAX has the same contract without hidden state, ``init() -> memory`` and ``(memory, t, x) ->
+require_relu``). JAX has the same contract without hidden state, ``init() -> memory`` and ``(memory, t, x) ->
 (memory, u)``; a C header has it as ``swingup_reset`` and ``swingup_control``. JAX has no guard: it judges.
 """
 

@@ -26,7 +26,7 @@ CHOICES = "choices"
 """Key of the numbers of choices; left out where actions are numbers."""
 
 MOST_STAGES = 10
-KNOWN = re.compile(
+KNOWN_ARRAYS = re.compile(
     r"network\.(trunk\.\d{1,2}|mean|std|logits)\.(weight|bias)"
     r"|observation\.\d\.(mean|variance|centre|scale)"
 )
@@ -35,7 +35,7 @@ KNOWN = re.compile(
 
 def read_network(path: str | Path) -> tuple[Network, dict[str, Any]]:
     """Read a policy and its metadata; statistics are float64, weights float32."""
-    metadata, found = load_arrays(path, FORMAT, FORMAT_VERSION, lambda name: bool(KNOWN.fullmatch(name)))
+    metadata, found = load_arrays(path, FORMAT, FORMAT_VERSION, lambda name: bool(KNOWN_ARRAYS.fullmatch(name)))
     try:
         arrays = {name: _checked(name, array) for name, array in found.items()}
         return _network(metadata, arrays), metadata

@@ -48,7 +48,7 @@ def write_plant(plant: Plant) -> dict[str, Any]:
     return {"name": plant.name, **plant.values()}
 
 
-DIFFERENT = 0.1
+LARGE_DIFFERENCE = 0.1
 """From this relative difference of a base parameter on, two plants differ much."""
 
 
@@ -74,12 +74,12 @@ def plant_difference(
         for name, value in one.items()
     }
     name = max(changes, key=lambda each: abs(changes[each]))
-    if not abs(changes[name]) > DIFFERENT:
+    if not abs(changes[name]) > LARGE_DIFFERENCE:
         return None if identified is None else _beyond(identified, base_parameters(plant))
     own = f"{quoted(made_for.name)} " if made_for.name else ""
     more = "the torque limit" if name.startswith("friction") else "it"
-    many = sum(abs(change) > DIFFERENT for change in changes.values()) - 1
-    others = f"; {many} more differ by over {100 * DIFFERENT:g} %" if many else ""
+    many = sum(abs(change) > LARGE_DIFFERENCE for change in changes.values()) - 1
+    others = f"; {many} more differ by over {100 * LARGE_DIFFERENCE:g} %" if many else ""
     return (
         f"the policy was made for a plant {own}with {name} = {one[name]:.4g}, here it is {other[name]:.4g} "
         f"({100 * changes[name]:+.0f} % of {more}{others}): train or refine it on this plant"

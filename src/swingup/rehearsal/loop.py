@@ -9,7 +9,7 @@ import numpy as np
 
 from .process import FolderProcess, Reply
 
-SLEPT = 0.0005
+WATCHED_TIME = 0.0005
 """The last part of a wait (s) is spent looking at the clock: a sleep may last longer than asked."""
 
 
@@ -91,8 +91,8 @@ class PacedController:
         now, due = time.perf_counter(), self._begin + t - self._time
         # A loop that is late does not catch up: its next period begins now, as a robot's does.
         self._inner.timing.late += math.isfinite(due) and not self._busy and now > due + 0.5 * self._dt
-        if due - now > SLEPT:
-            time.sleep(due - now - SLEPT)
+        if due - now > WATCHED_TIME:
+            time.sleep(due - now - WATCHED_TIME)
         while (now := time.perf_counter()) < due:
             pass
         self._begin, self._time = now, t

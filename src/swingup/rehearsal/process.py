@@ -17,9 +17,9 @@ from ..common.errors import SwingupError
 from ..common.text import one_line
 from .folder import Folder
 
-LOADING = 60.0
+LOADING_TIME = 60.0
 """Longest time in which a folder may be imported (s); a cold disk and a busy machine take seconds."""
-CALLING = 2.0
+CALLING_TIME = 2.0
 """Longest time of a call (s), after which it counts as hung."""
 
 
@@ -39,7 +39,7 @@ class FolderProcess:
     """A running folder. Use it in a ``with`` statement: the process ends with it."""
 
     def __init__(
-        self, folder: Folder, simulated_clock: bool, loading: float = LOADING, calling: float = CALLING
+        self, folder: Folder, simulated_clock: bool, loading: float = LOADING_TIME, calling: float = CALLING_TIME
     ) -> None:
         """Start the process and import the folder in it.
 

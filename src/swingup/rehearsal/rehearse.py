@@ -18,7 +18,7 @@ from ..common.checks import positive_number
 from ..common.errors import SwingupError
 from ..controllers.interface.python_controller import PythonController
 from ..loop.domain import Domain
-from ..loop.on_plant import PERFECT
+from ..loop.on_plant import NO_LOOP
 from ..loop.supervisors.limits import Limits
 from ..plant.plant import PlantLike
 from ..plant.robots import Robot, get_robot
@@ -26,7 +26,7 @@ from ..policy.plant_facts import plant_difference
 from ..policy.shipped import load_policy
 from .folder import Folder, find_folder
 from .loop import FolderController, PacedController, Timing
-from .process import CALLING, FolderProcess
+from .process import CALLING_TIME, FolderProcess
 from .result import Rehearsal
 
 SEEDS = 10
@@ -45,7 +45,7 @@ def rehearse(
     seeds: int | None = None,
     seed: int = 0,
     real_time: bool = False,
-    calling: float = CALLING,
+    calling: float = CALLING_TIME,
     progress: Progress | None = None,
 ) -> Rehearsal:
     """Run an exported folder in processes of its own against simulated robots, from hanging at rest.
@@ -70,7 +70,7 @@ def rehearse(
     """
     if duration is not None:
         board = dataclasses.replace(board, duration=positive_number("duration", duration, LONGEST_REHEARSAL, "s"))
-    single = real_time or domain == PERFECT
+    single = real_time or domain == NO_LOOP
     every = check_seeds(seed, (1 if single else SEEDS) if seeds is None else seeds)
     found = find_folder(folder)
     with FolderProcess(found, simulated_clock=not real_time, calling=calling) as process:

@@ -26,7 +26,7 @@ from .task import Step
 
 TIME_LIMITS = ("time_out", "truncation")
 """Entries of ``info`` that tell a time limit from an end of the task."""
-FIRST = "first_obs"
+FIRST_OBSERVATION = "first_obs"
 """The entry of ``info`` that only ``AutoResetWrapper`` adds."""
 
 
@@ -54,7 +54,7 @@ class BraxTask(AbstractAdaptedTask):
         if missing:
             raise SwingupError(f"the state of {name} has no {missing[0]}: return brax's State from reset(key)")
         # What resets itself hides the last observation, from which values are bootstrapped.
-        if FIRST in start.info:
+        if FIRST_OBSERVATION in start.info:
             raise SwingupError(f"{name} resets itself: leave AutoResetWrapper out, the learner resets")
         self.observation_shape = shape_of_observation(_seen(start), name)
         self.check_steps(f"{name}.step", "state, action")

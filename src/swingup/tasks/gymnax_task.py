@@ -19,7 +19,7 @@ from .adapted import AbstractAdaptedTask, AdaptedState, arrays_of, check_hash, s
 from .space_actions import space_actions
 from .task import Step
 
-FINAL = "final_observation"
+FINAL_OBSERVATION = "final_observation"
 """The entry of ``step``'s info that a reset does not replace."""
 
 
@@ -88,9 +88,11 @@ class GymnaxTask(AbstractAdaptedTask):
                 f"{name} returns {got}, not gymnax 1.0's {length} that tell terminated from truncated: update it"
             )
         seen, inner, reward, terminated, *_, info = answer
-        if resets and not (isinstance(info, dict) and FINAL in info):
-            raise SwingupError(f"{name} resets and hides the last observation: put it in info[{FINAL!r}]")
+        if resets and not (isinstance(info, dict) and FINAL_OBSERVATION in info):
+            raise SwingupError(
+                f"{name} resets and hides the last observation: put it in info[{FINAL_OBSERVATION!r}]"
+            )
         # The observation after a reset belongs to the next episode.
-        last = info[FINAL] if resets else seen
+        last = info[FINAL_OBSERVATION] if resets else seen
         truncated = answer[4] if resets else self.env.is_truncated(inner, self.params)
         return self.made_step(AdaptedState(inner, seen), last, reward, (terminated, truncated))

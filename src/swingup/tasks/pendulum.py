@@ -21,7 +21,7 @@ from ..plant.units import NUMBER, TIME, VELOCITY, Unit
 from .observation import PendulumStage
 from .task import AbstractTask, Step
 
-DIVERGED = 1000.0
+DIVERGED_VELOCITY = 1000.0
 """Velocity beyond which a state is no longer physics but an integration error (rad/s)."""
 
 
@@ -109,7 +109,7 @@ class AbstractPendulumTask(AbstractTask[PendulumState]):
         u = self.torque(action)
         x = rk4_steps(self.parameters, state.x, u, self.dt, self.substeps)
         # Negated, so that NaN counts as diverged.
-        diverged = ~jnp.all(jnp.abs(x[2:]) < DIVERGED)
+        diverged = ~jnp.all(jnp.abs(x[2:]) < DIVERGED_VELOCITY)
         # The step counts even then, so that the limit is reached in any case.
         after = PendulumState(x=jnp.where(diverged, state.x, x), steps=state.steps + 1)
         at_random = jax.random.bernoulli(key, self.truncation_probability)

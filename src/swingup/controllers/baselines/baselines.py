@@ -21,9 +21,9 @@ from ..swingups.reference import Reference, load_reference
 from .dry_friction import HAND_OVER, holding_lqr, passive_friction
 from .lqr import LQR
 from .mpc import mpc
-from .optimal import OPTIMAL, Optimal
+from .optimal import OPTIMAL_SETTINGS, Optimal
 from .own_units import in_own_units, optimal_for, published_for
-from .published import PUBLISHED, Published
+from .published import PUBLISHED_SETTINGS, Published
 from .switch import LatchingSwitch
 from .tracking import riccati_controller, tvlqr
 
@@ -72,7 +72,11 @@ class Design:
 
 def design_of(robot: Robot, plant: PlantLike) -> Design:
     """Settings for a plant; for the leaderboards' the published ones and the shipped swing-ups."""
-    model, published, optimal = design_model(plant, robot), PUBLISHED[robot.name], OPTIMAL[robot.name]
+    model, published, optimal = (
+        design_model(plant, robot),
+        PUBLISHED_SETTINGS[robot.name],
+        OPTIMAL_SETTINGS[robot.name],
+    )
     scales = scales_of(model)
     # The driven joint's friction is compensated around the controller (own_units.py), which then has none.
     cf1, cf2 = (0.0 if joint == robot.joint else cf for joint, cf in enumerate(_dry_friction(plant, robot)))

@@ -32,7 +32,7 @@ from .baselines import design_of, reaches_upright
 from .continuation_settings import ContinuationSettings, next_step
 from .dry_friction import linear_friction
 from .lqr import LQR, LQRSettings, upright_lqr
-from .optimal import OPTIMAL
+from .optimal import OPTIMAL_SETTINGS
 from .switch import LatchingSwitch
 from .tracking import riccati_controller
 
@@ -138,7 +138,7 @@ def nominal_swingups(
             f"no swing-up of the {robot.name} is found for the plant {plant}: its motor may be too weak"
         )
     # The last gains hold it upright while it rests: other plants use this time to come to rest.
-    more = round(settings.extra / OPTIMAL[robot.name].swingup.dt)
+    more = round(settings.extra / OPTIMAL_SETTINGS[robot.name].swingup.dt)
     states = np.concatenate([reference.states, np.tile(UPRIGHT, (more + 1, 1))])
     torque = np.append(reference.torque, np.zeros(more))
     gains = np.concatenate([reference.gains, np.tile(reference.gains[-1], (more, 1))])
@@ -200,7 +200,7 @@ def _bounds_about(nominal: SwingUps, settings: ContinuationSettings) -> Continua
 
 
 def _problem(robot: Robot, settings: ContinuationSettings, steps: int) -> SwingupProblem:
-    problem = OPTIMAL[robot.name].swingup
+    problem = OPTIMAL_SETTINGS[robot.name].swingup
     return replace(problem, steps=steps, weights=replace(problem.weights, final=settings.final))
 
 

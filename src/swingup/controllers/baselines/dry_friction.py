@@ -50,9 +50,9 @@ COUNTINGS = (Counting(1.0, 0.6, 6.0), Counting(4.0, 0.9, 30.0))
 
 STARTS = np.random.default_rng(0).uniform(-0.25, 0.25, (32, 4)) * HAND_OVER
 """Errors from which the settings are tried: a quarter of the hand-over's (rad, rad/s)."""
-TRIAL, LAST = 3000, 500
+TRIAL_CALLS, LAST_CALLS = 3000, 500
 """Calls of a trial, and those of its end that count."""
-FALLEN = 0.6
+FALLEN_ANGLE = 0.6
 """A larger error of an angle at the end of a trial is a fall (rad)."""
 
 _LOGGER = logging.getLogger(__name__)
@@ -76,7 +76,7 @@ def holding_lqr(plant: Plant, robot: Robot, settings: LQRSettings, dt: float) ->
     with jax.enable_x64(True):
         stacked = jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(leaf) for leaf in leaves]), *tried)
         errors = np.asarray(_errors_held(stacked, plant, dt))
-    held = (errors < FALLEN).sum(axis=1)
+    held = (errors < FALLEN_ANGLE).sum(axis=1)
     # Where both hold from as many starts, the smaller error that remains decides.
     best = max(range(len(tried)), key=lambda index: (held[index], -np.median(errors[index])))
     if held[best] < len(STARTS) / 2:
@@ -130,6 +130,6 @@ def _errors_held(regulators: LQR, plant: Plant, dt: Scalar) -> Float[Array, "reg
             x = rk4_step(plant, x, u, dt)
             return x, jnp.abs(error(x)[:2]).max()
 
-        return jnp.max(jax.lax.scan(step, jnp.asarray(UPRIGHT) + start, length=TRIAL)[1][-LAST:])
+        return jnp.max(jax.lax.scan(step, jnp.asarray(UPRIGHT) + start, length=TRIAL_CALLS)[1][-LAST_CALLS:])
 
     return jax.vmap(jax.vmap(trial, (None, 0)), (0, None))(regulators, jnp.asarray(STARTS))

@@ -73,7 +73,7 @@ def _score(velocity: float, torque: float, rate: float, angle: float, duration: 
     )
 
 
-OPTIMAL = {
+OPTIMAL_SETTINGS = {
     "acrobot": Optimal(_score(velocity=1.2e-3, torque=0.029, rate=4e-4, angle=1e-3, duration=1.8)),
     "pendubot": Optimal(_score(velocity=1.36e-3, torque=0.0265, rate=2.3e-4, angle=3e-4, duration=2.0)),
 }

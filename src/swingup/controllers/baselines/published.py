@@ -91,7 +91,7 @@ _MPC = MPCSettings(
     ),
 )
 
-PUBLISHED = {
+PUBLISHED_SETTINGS = {
     "acrobot": Published(
         swingup=_swingup(
             TrackingWeights(

@@ -77,7 +77,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         if plant is None:
             inner, u = self.controller(carry.controller, t, seen)
         else:
-            told = scales.scaled(jnp.stack(plant.told), *BASE_UNITS)
+            told = scales.scaled(jnp.stack(plant.residual_base), *BASE_UNITS)
             inner, u = call_for_plant(self.controller, carry.controller, t, seen, told)
             u = u + scales.scaled(core.compensation(JAX, loop, plant, own), TORQUE).astype(u.dtype)
         driven = self.plant.limit(self.robot.joint)

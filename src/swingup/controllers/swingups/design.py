@@ -30,7 +30,7 @@ from .transition import PendulumTransition, TorqueRateTransition
 SEARCHED_ERROR = 0.05
 """A search is over when a motion ends this close to upright, in both angles (rad)."""
 
-RESTING = np.append(UPRIGHT, 0.0)
+RESTING_STATE = np.append(UPRIGHT, 0.0)
 """[π, 0, 0, 0, 0]: upright at rest, without torque."""
 
 PendulumStep = PendulumTransition | TorqueRateTransition
@@ -122,7 +122,7 @@ class SwingupProblem:
         state = np.append(cost.state_weights, cost.torque_weight)
         last = np.append(cost.final_weights, self.final_torque)
         rate = self.dt * self.steps * self.rate
-        return Cost(state, rate, last, np.tile(RESTING, (steps, 1)), cost.torque, RESTING)
+        return Cost(state, rate, last, np.tile(RESTING_STATE, (steps, 1)), cost.torque, RESTING_STATE)
 
     def transition(self, pendulum: PendulumTransition) -> PendulumStep:
         """The step that the cost is of: with the torque's rate as its input where that has a weight."""

@@ -11,7 +11,7 @@ from ...plant.equations import COULOMB_STEEPNESS, mass_entries
 from ...plant.momentum import CLOSE_RATES
 from ...plant.units import C1, Scales, scaled, scales_of, similar_plant
 from ...policy.estimator import core as estimator
-from ...policy.guard.settings import BRAKED, PUSHING, SENTENCES, STANDSTILLS, GuardSettings, Reason
+from ...policy.guard.settings import BRAKED_MULTIPLE, PUSHING_SHARE, SENTENCES, STANDSTILLS, GuardSettings, Reason
 from ...policy.identifier import settings as identifier
 from ...policy.identifier.compensation import LEAST_GAIN
 from ...policy.identifier.state import Loop as Identifier
@@ -26,8 +26,8 @@ Data = dict[str, int | float | str | np.ndarray]
 
 
 AS_IN_PYTHON = (
-    "BANDWIDTH", "RELATIVE_FLOOR", "GATE_HOLD", "STUDENT", "RISE_TIME", "FALL_TIME", "MARGIN", "FARTHEST",
-    "MOST_OFFSET", "AGE_CAUTION", "UNEVEN_FADING", "UNEVEN_STEP",
+    "BANDWIDTH", "RELATIVE_FLOOR", "GATE_HOLD", "STUDENT", "RISE_TIME", "FALL_TIME", "LEAST_MASS_SHARE",
+    "LARGEST_ANGLE", "MOST_OFFSET", "AGE_CAUTION", "UNEVEN_FADING", "UNEVEN_STEP",
 )  # fmt: skip
 """Constants of the identifier that the runtime has under the same names."""
 
@@ -195,7 +195,7 @@ def guard_data(settings: GuardSettings, policy: PendulumPolicy) -> Data:
         "STANDSTILLS": STANDSTILLS,
         "STUCK_TIME": settings.stuck_time,
         "TORQUE_RATE": settings.rate(policy.torque_limits[policy.robot.joint]),
-        "PUSHING": PUSHING,
+        "PUSHING_SHARE": PUSHING_SHARE,
         "BRAKING": settings.braking,
-        "BRAKED_RATE": BRAKED * settings.velocity_limit,
+        "BRAKED_RATE": BRAKED_MULTIPLE * settings.velocity_limit,
     }

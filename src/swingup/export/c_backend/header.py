@@ -12,7 +12,7 @@ from pathlib import PurePosixPath
 import numpy as np
 
 from ...common.version import __version__
-from ...policy.network.layers import check_plain
+from ...policy.network.layers import require_relu
 from ...policy.pendulum import PendulumPolicy
 from ..folder import NAME, check_export_name
 from .data import runtime_data
@@ -36,14 +36,14 @@ USAGE = """\
  * swingup_policy(x) is the policy alone: the torque of the driven joint, without memory.
 {notes} */
 """
-IDENTIFIED = """\
+IDENTIFIED_NOTE = """\
  * swingup_base_parameters(&controller) are nine numbers: what the identifier has found of the plant so far.
 """
-GUARDED = """\
+GUARDED_NOTE = """\
  * The safety guard stops the controller for good at a limit or a broken measurement, until swingup_reset:
  * swingup_guard_reason(&controller) is then not 0, and swingup_guard_sentence(&controller) says why.
 """
-UNGUARDED = """\
+UNGUARDED_NOTE = """\
  * A torque is NaN where the state is not finite: check what you send to a motor.
 """
 
@@ -54,7 +54,7 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
     All names in it begin with ``name``: headers with different names go into one program.
     """
     check_export_name(name)
-    check_plain(policy.network, "a C header")
+    require_relu(policy.network, "a C header")
     data = f"#ifndef SWINGUP_POLICY_H\n#define SWINGUP_POLICY_H\n\n{c_data(policy)}"
     text = f"{_usage(policy)}{data}\n{runtime()}\n#endif\n"
     # Two headers in one program must not share a name.
@@ -99,7 +99,7 @@ def _usage(policy: PendulumPolicy) -> str:
         version=__version__,
         rate=f"every {policy.period:g} s" if policy.period else "at the loop's rate",
         passive="for its friction" if policy.torque_limits[1 - policy.robot.joint] else "0",
-        notes=(IDENTIFIED if policy.identifier else "") + (GUARDED if policy.guard else UNGUARDED),
+        notes=(IDENTIFIED_NOTE if policy.identifier else "") + (GUARDED_NOTE if policy.guard else UNGUARDED_NOTE),
     )
 
 

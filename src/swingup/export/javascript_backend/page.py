@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...policy.network.layers import Layer, check_plain
+from ...policy.network.layers import Layer, require_relu
 from ...policy.network.stages import NormaliseStage, PendulumStage, Stage
 from ...policy.pendulum import PendulumPolicy
 
@@ -22,7 +22,7 @@ def policy_data(policy: PendulumPolicy) -> dict[str, Any]:
     It is the network alone, folded for the policy's plant: a page has no estimator,
     identifier, regulator or guard.
     """
-    check_plain(policy.network, "a page")
+    require_relu(policy.network, "a page")
     network = policy.folded
     return {
         "torque_limit": policy.torque_limit,

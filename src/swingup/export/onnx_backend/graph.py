@@ -13,7 +13,7 @@ import numpy as np
 
 from ...common.errors import SwingupError
 from ...common.version import __version__
-from ...policy.network.layers import STATE, SUM_GROUP, Layer, check_plain
+from ...policy.network.layers import FLOAT32_SUM_WIDTH, STATE, Layer, require_relu
 from ...policy.network.stages import NormaliseStage, PendulumStage
 from ...policy.pendulum import PendulumPolicy
 
@@ -28,7 +28,7 @@ def onnx_model(policy: PendulumPolicy) -> bytes:
     It is the network alone, folded for the policy's plant: estimator, identifier, regulator and guard would need a
     memory.
     """
-    check_plain(policy.network, "an ONNX graph")
+    require_relu(policy.network, "an ONNX graph")
     try:
         import onnx
     except ImportError as error:
@@ -79,11 +79,11 @@ def _normalise(graph: "_Graph", stage: NormaliseStage, observation: str) -> str:
 def _hidden(graph: "_Graph", layer: Layer, features: str) -> str:
     """W · features + bias, group by group of the inputs."""
     inputs = layer.weight.shape[1]
-    starts = range(0, inputs, SUM_GROUP)
-    groups = graph.split(features, [min(SUM_GROUP, inputs - start) for start in starts])
+    starts = range(0, inputs, FLOAT32_SUM_WIDTH)
+    groups = graph.split(features, [min(FLOAT32_SUM_WIDTH, inputs - start) for start in starts])
     total = graph.constant(layer.bias.astype(np.float32))
     for start, group in zip(starts, groups, strict=True):
-        total = graph.gemm(group, layer.weight[:, start : start + SUM_GROUP], total)
+        total = graph.gemm(group, layer.weight[:, start : start + FLOAT32_SUM_WIDTH], total)
     return total
 
 

@@ -21,7 +21,7 @@ from ..log.log_checks import slopes_of
 from ..log.recording import Recording
 from ..log.segments import Segments
 from .prediction import INDEX, Integration
-from .problem import KNOWN, Problem
+from .problem import KNOWN_NAMES, Problem
 from .regression import AS_IS, LEAST_SPANS, Reading, Solution, cut_spans, regress
 from .scoring import prediction_skill
 from .unknowns import MASSES
@@ -43,7 +43,7 @@ after 0.25 s with an error above this share of their motion."""
 FREE_FALL = (0.1, 0.15)
 """A log without torques is no free fall above this unexplained share, if masses end at their bounds or predictions
 have a larger error than this; recordings of free falls have 0.07 and 0.09."""
-MISMATCH = 1.5
+MISMATCH_RATIO = 1.5
 """Ratio of the angles' slopes to recorded velocities, or its inverse, that noise does not explain."""
 NOTABLE_FACTOR = 1.3
 """A common factor of the masses that is worth a note."""
@@ -335,7 +335,7 @@ def _velocity_words(recording: Recording, names: Sequence[str], angles: np.ndarr
     words: list[str] = []
     text = "the velocities of joints 1 and 2 are swapped" if place == 2 else ""
     for joint, (match, gain) in enumerate(zip(matches, gains, strict=True)):
-        factor = np.sign(gain) if 1 / MISMATCH < abs(gain) < MISMATCH else gain
+        factor = np.sign(gain) if 1 / MISMATCH_RATIO < abs(gain) < MISMATCH_RATIO else gain
         column = _combined(recording.sources, names, option[joint] * factor)
         # Without a clear relation velocities are noise: the fit does not use them.
         if abs(match) > 0.8 and column != recording.sources[names[joint]]:
@@ -391,7 +391,7 @@ def mass_notes(problem: Problem, model: Float[np.ndarray, "15"], recording: Reco
         or 1 / NOTABLE_FACTOR < factor < NOTABLE_FACTOR
         or unequal > NOTABLE_FACTOR
     ):
-        names = {entry: name for name, entry in KNOWN.items()}
+        names = {entry: name for name, entry in KNOWN_NAMES.items()}
         far = [
             f"{names[entry]} {ratio:.2g} times"
             for entry, ratio in ratios.items()

@@ -13,7 +13,7 @@ from ..log.recording import Recording
 from .prediction import LEAST_LAG, Integration
 from .unknowns import MASSES, Unknowns, expectations, make_unknowns
 
-KNOWN = {
+KNOWN_NAMES = {
     "m1r1+m2l1": "k", "m2r2": "m2r2", "I1+I2+m2l1^2": "A", "I2": "B", "Ir": "Ir", "b1": "b1",
     "b2": "b2", "cf1": "cf1", "cf2": "cf2", "gain": "gain1", "delay": "delay", "lag": "lag",
 }  # fmt: skip
@@ -76,7 +76,7 @@ def known_entries(known: Mapping[str, float] | None) -> dict[str, float]:
     """The model's entries that the user knows."""
     entries = {}
     for name, value in (known or {}).items():
-        entry = KNOWN[one_of("known value", name.replace(" ", ""), KNOWN)]
+        entry = KNOWN_NAMES[one_of("known value", name.replace(" ", ""), KNOWN_NAMES)]
         # As wide as the bounds of the fit (unknowns.py).
         least = 1e-9 if entry in (*MASSES[:4], "gain1") else -0.015 if entry == "delay" else 0.0
         most = {"delay": 0.025, "lag": 0.015}.get(entry, 1e3)

@@ -13,8 +13,8 @@ from ...common.text import one_line
 from ...common.xml_tree import attributes_of, read_tree
 from .bodies import READINGS, Model
 from .mjcf import read_mjcf
-from .urdf import OURS, read_urdf
-from .writers import CHOSEN
+from .urdf import OUR_ELEMENT, read_urdf
+from .writers import CHOSEN_NUMBERS
 
 READERS = {"robot": read_urdf, "mujoco": read_mjcf}
 """Readers by the tag of the outermost element."""
@@ -51,10 +51,16 @@ def read_model(path: str | Path, inertia: str | None = None, gear: float | None 
 
 def _recalled(model: Model, root: Element) -> Model:
     """The model with the numbers that a file keeps beside its bodies, as long as both move alike."""
-    element = root.find(OURS) if root.tag == "robot" else root.find(f"custom/numeric[@name='{OURS}']")
+    element = root.find(OUR_ELEMENT) if root.tag == "robot" else root.find(f"custom/numeric[@name='{OUR_ELEMENT}']")
     if element is None or "data" not in element.attrib:
         return model
-    kept = dict(zip(CHOSEN, attributes_of(element).numbers("data", (0.0,) * len(CHOSEN)).tolist(), strict=True))
+    kept = dict(
+        zip(
+            CHOSEN_NUMBERS,
+            attributes_of(element).numbers("data", (0.0,) * len(CHOSEN_NUMBERS)).tolist(),
+            strict=True,
+        )
+    )
     # Who edits a body edits what the file says: stale numbers beside it must not win.
     if np.allclose(_motion(model.facts), _motion(model.facts | kept), rtol=1e-9, atol=0.0):
         return replace(model, facts=model.facts | kept)
@@ -64,5 +70,5 @@ def _recalled(model: Model, root: Element) -> Model:
 
 def _motion(plant: Mapping[str, float]) -> list[float]:
     """m1 r1 + m2 l1, m2 r2 and I1 + m2 l1², all that motion tells of masses, centres and link 1's inertia."""
-    m1, m2, r1, r2, I1 = (plant[name] for name in CHOSEN)
+    m1, m2, r1, r2, I1 = (plant[name] for name in CHOSEN_NUMBERS)
     return [m1 * r1 + m2 * plant["l1"], m2 * r2, I1 + m2 * plant["l1"] ** 2]

@@ -19,10 +19,10 @@ from .bodies import Body, Hinge, Model, Part, double_pendulum
 from .frames import TURNS, Frame, mjcf_rotation, turn_onto, unit
 from .shapes import SIZES, ends, inertia, volume
 
-GENERATED = ("replicate", "composite", "flexcomp", "attach")
+GENERATED_ELEMENTS = ("replicate", "composite", "flexcomp", "attach")
 """Elements that stand for others."""
 
-COUPLED = ("equality", "tendon", "deformable")
+COUPLED_SECTIONS = ("equality", "tendon", "deformable")
 """Sections whose elements change the motion."""
 
 NOT_APPLIED = ("boundmass", "boundinertia", "balanceinertia")
@@ -35,7 +35,7 @@ MOTORS = ("motor", "general")
 SERVOS = ("position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion", "dcmotor")
 """Kinds of actuators."""
 
-FLAT = ("plane", "hfield")
+FLAT_SHAPES = ("plane", "hfield")
 """Kinds of geoms that have no mass."""
 
 MAIN, ACTUATOR = "main", "actuator"
@@ -102,13 +102,13 @@ def read_mjcf(root: Element, about: str | None, gear: float | None) -> Model:
 def _check_elements(root: Element, reading: _Reading) -> None:
     """Note what is not read, and refuse what changes the motion."""
     for element in root.iter():
-        if element.tag in GENERATED:
+        if element.tag in GENERATED_ELEMENTS:
             raise SwingupError(
                 f"<{element.tag}> stands for other elements: save the model with MuJoCo's mj_saveLastXML"
             )
         if element.tag == "include":
             reading.notes.append(f"not read: <include> of {one_line(element.get('file', ''), 80)}")
-    for section in COUPLED:
+    for section in COUPLED_SECTIONS:
         for element in root.iterfind(f"{section}/*"):
             if element.get("active", "true") == "true" and element.tag != "skin":
                 name = quoted(element.get("name", ""))
@@ -275,7 +275,7 @@ def _read_geom(element: Element, within: Frame, usual: str, reading: _Reading, b
     low, high = reading.compiler.numbers("inertiagrouprange", (0, 5))
     # Water, as in MuJoCo.
     weighs = given.number("density", 1000.0) if "mass" not in given.values else _mass(given)
-    counts = counts and weighs != 0 and low <= given.number("group", 0.0) <= high and shape not in FLAT
+    counts = counts and weighs != 0 and low <= given.number("group", 0.0) <= high and shape not in FLAT_SHAPES
     if shape not in SIZES or "mesh" in given.values:
         if counts:
             raise SwingupError(f"{given.where} of {quoted(body.name)} is a {shape}: give its body an <inertial>")

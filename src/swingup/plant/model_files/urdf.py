@@ -19,10 +19,10 @@ from .shapes import SIZES, ends
 GRAVITY = 9.81
 """m/s²."""
 
-OURS = "swingup"
+OUR_ELEMENT = "swingup"
 """The element for what this package writes beside a URDF's own."""
 
-KNOWN = ("link", "joint", "frame", "transmission", "material", OURS)
+KNOWN_ELEMENTS = ("link", "joint", "frame", "transmission", "material", OUR_ELEMENT)
 """Elements that are read, or say nothing of the motion."""
 
 
@@ -43,7 +43,7 @@ def read_urdf(root: Element, inertia: str | None, gear: float | None) -> Model:
         carried[child] = each
     order = _order(carried, links)
     found_gear, driven = _transmissions(root)
-    notes = [f"not read: <{tag}>" for tag in dict.fromkeys(each.tag for each in root) if tag not in KNOWN]
+    notes = [f"not read: <{tag}>" for tag in dict.fromkeys(each.tag for each in root) if tag not in KNOWN_ELEMENTS]
     bodies = []
     for name in order:
         joint = carried.get(name)
@@ -58,7 +58,7 @@ def read_urdf(root: Element, inertia: str | None, gear: float | None) -> Model:
         given = attributes_of(element)
         if given.text("link") in order:
             bodies[order.index(given.text("link"))].marks.append((given.text("name"), rpy_frame(given).origin))
-    own = _child(root, OURS)
+    own = _child(root, OUR_ELEMENT)
     gravity = np.array([0.0, 0.0, -own.number("gravity", GRAVITY)])
     about = inertia or own.text("inertia") or None
     return double_pendulum(bodies, gravity, gear or found_gear, notes, about, asked=True)

@@ -15,14 +15,14 @@ from ...common.files import write_atomically
 from ...common.version import __version__
 from .bodies import without_rotors
 from .mjcf import AT_SPEED
-from .urdf import OURS
+from .urdf import OUR_ELEMENT
 
 TEMPLATES = {".urdf": "pendulum.urdf", ".xml": "pendulum.xml", ".mjcf": "pendulum.xml"}
 """Texts by the ends of file names."""
 
 LEAST_GEAR = 1e-6
 """Least gear ratio: the square of a smaller one divides no inertia."""
-CHOSEN = ("m1", "m2", "r1", "r2", "I1")
+CHOSEN_NUMBERS = ("m1", "m2", "r1", "r2", "I1")
 """Numbers that another plant, which moves alike, may have otherwise."""
 
 
@@ -43,7 +43,7 @@ def write_model(path: str | Path, name: str, bodies: Mapping[str, float], plant:
             f"cannot write {path}: no bodies move as this plant does, whose inertias are below m r²; raise I2"
         )
     # Numbers of no body would be lost in the bodies that move alike.
-    kept = "" if bodies == plant else f' data="{" ".join(repr(plant[fact]) for fact in CHOSEN)}"'
+    kept = "" if bodies == plant else f' data="{" ".join(repr(plant[fact]) for fact in CHOSEN_NUMBERS)}"'
     write_atomically(path, model_text(Path(path).suffix.lower(), name, bodies, kept).encode())
 
 
@@ -67,7 +67,7 @@ def model_text(suffix: str, name: str, plant: Mapping[str, float], kept: str = "
         if tl > 0:
             joint, most = ("shoulder", "elbow")[link - 1], tl / gear
             motors += f'<motor name="{joint}" joint="{joint}" gear="{gear!r}" ctrlrange="{-most!r} {most!r}"/>'
-    custom = f'<numeric name="{OURS}"{kept}/>' if kept else ""
+    custom = f'<numeric name="{OUR_ELEMENT}"{kept}/>' if kept else ""
     texts = {"name": quoteattr(name), "version": __version__, "kept": kept, "own": custom, "motors": motors}
     template = (resources.files(__package__) / TEMPLATES[suffix]).read_text(encoding="utf-8")
     return Template(template).substitute({key: repr(value) for key, value in numbers.items()} | texts)

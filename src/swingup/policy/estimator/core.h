@@ -154,7 +154,7 @@ static inline void swingup_observe(swingup_estimator *c, double t, const double 
     const int lost = swingup_lost(c, measured, h);
 #if SWINGUP_HAS_IDENTIFIER
     swingup_identifier *found = &c->identifier;
-    const double *base = found->base, *friction = found->felt, *offsets = found->offsets;
+    const double *base = found->base, *friction = found->predicted_friction, *offsets = found->offsets;
     const double x[4] = {measured[0] - offsets[0], measured[1] - offsets[1], measured[2], measured[3]};
     const double interval = swingup_interval(found, h), passed = swingup_elapsed(found, h);
     const int age = found->age;
@@ -168,7 +168,7 @@ static inline void swingup_observe(swingup_estimator *c, double t, const double 
 
     swingup_believe(&plant, base, friction);
 #if SWINGUP_HAS_IDENTIFIER
-    plant.load = SWINGUP_HAS_LOADS ? found->load : 0;
+    plant.load = SWINGUP_HAS_LOADS ? found->predicted_load : 0;
 #endif
     if (late || !swingup_follow(c, &plant, lost ? 0 : x, interval, age)) {
         for (i = 0; i < 4; i++) {

@@ -192,9 +192,9 @@ def compensation(maths: Maths, loop: Loop, found: Found, seen: Array) -> Array:
     assert loop.finding is not None  # the caller has what it found
     most, finite = loop.finding.passive_limit, maths.finite(seen)
     q1, q2, *rates = maths.numbers(seen)
-    loads: Pair = (0.0, 0.0) if found.carried is None else found.carried.at(q1, q2)
+    loads: Pair = (0.0, 0.0) if found.commanded_load is None else found.commanded_load.at(q1, q2)
     torques = []
-    for joint, (b, cf, rate, load) in enumerate(zip(*found.asked, rates, loads, strict=True)):
+    for joint, (b, cf, rate, load) in enumerate(zip(*found.commanded_friction, rates, loads, strict=True)):
         # The arctangent and the clip would make a finite torque of an infinite velocity.
         torque = friction(b, cf, maths.where(finite, rate, math.nan), maths.arctan) + load
         torques.append(torque if joint == loop.joint else maths.clip(torque, -most, most))

@@ -48,7 +48,7 @@ static inline void swingup_check(swingup_guard *c, const double x[4], int first)
             sample[i + 2] = x[i + 2];
         }
     }
-    i = fabs(c->torques[SWINGUP_DRIVEN]) > SWINGUP_PUSHING * swingup_limits[SWINGUP_DRIVEN];
+    i = fabs(c->torques[SWINGUP_DRIVEN]) > SWINGUP_PUSHING_SHARE * swingup_limits[SWINGUP_DRIVEN];
     c->stuck = same[SWINGUP_DRIVEN] && i ? c->stuck + c->step : 0.0;
     for (i = 0; i < 2; i++) {
         if (!finite[i] && c->gaps[i] > borne) {

@@ -30,7 +30,7 @@ import math
 
 import numpy as np
 
-from .settings import BRAKED, MOTION, PUSHING, STANDSTILLS, Fault, GuardSettings, Reason
+from .settings import BRAKED_MULTIPLE, MOTION, PUSHING_SHARE, STANDSTILLS, Fault, GuardSettings, Reason
 
 
 class Guard:
@@ -84,7 +84,7 @@ class Guard:
     def stopped(self) -> np.ndarray:
         """The torques (2,) (N m) of a stopped controller: none, or damping while the measurement is sound."""
         self._torques = (0.0, 0.0)
-        kd, most = self.settings.braking, BRAKED * self.settings.velocity_limit
+        kd, most = self.settings.braking, BRAKED_MULTIPLE * self.settings.velocity_limit
         if self._brakes:
             first, second = (
                 max(-limit, min(limit, -kd * rate)) if abs(rate) <= most else 0.0
@@ -124,7 +124,7 @@ class Guard:
         for i in (0, 1):
             shows = finite[i] and (not same[i] or x[i + 2] == 0)
             self._gaps[i] = 0.0 if shows else self._gaps[i] + self._step
-        pushed = abs(self._torques[driven]) > PUSHING * self._limits[driven]
+        pushed = abs(self._torques[driven]) > PUSHING_SHARE * self._limits[driven]
         still = same[driven] or not finite[driven]
         self._stuck = self._stuck + self._step if still and pushed else 0.0
         # What is not finite is not a sample: the next one must not be compared with it.

@@ -17,10 +17,10 @@ GUARD = "guard"
 """Key of the guard's settings in a policy file's metadata."""
 
 STANDSTILLS = 10
-"""So many calls in a row with the same time are borne: a loop may call twice for one measurement."""
-PUSHING = 0.5
+"""Most calls in a row that may have the same time: a loop may call twice for one measurement."""
+PUSHING_SHARE = 0.5
 """A torque above this part of its joint's limit must move the joint."""
-BRAKED = 2.0
+BRAKED_MULTIPLE = 2.0
 """A velocity beyond this many of the guard's limits cannot be braked by."""
 
 

@@ -1,8 +1,8 @@
-"""Compensation of the friction and the load that an identifier finds: what the motors are asked for, what is left.
+"""Compensation of the friction and the load that an identifier finds: what the motors are commanded, what is left.
 
-The driven motor delivers what it is asked for: the estimator counts its torque, and the policy is told the rest.
-How much the undriven joint's motor delivers is found: in a simulation where it is dead, nothing. Its compensation
-is therefore a part of the plant.
+The driven motor delivers its command: the estimator counts that torque, and the policy is told the rest. The
+identifier estimates which share of its command the undriven joint's motor delivers, 0 where that motor is dead.
+This motor's torque therefore belongs to the plant.
 """
 
 from typing import Any, NamedTuple
@@ -30,9 +30,9 @@ class Load(NamedTuple):
 class Compensation(NamedTuple):
     """Parts of a :class:`Friction` or a :class:`Load`."""
 
-    asked: Any
-    """What the motors are asked for; of friction it is never negative."""
-    left: Any
+    commanded: Any
+    """What the motors are commanded; never negative friction."""
+    residual: Any
     """What remains; negative friction is not compensated."""
     predicted: Any
     """What to predict with: all of the driven joint's, whose torque is counted, and what is left of the other's.
@@ -46,18 +46,18 @@ def compensation(found: Any, gain: Number, joint: int, passive_limit: float, max
     does. Its compensation is at most ``passive_limit`` (N m), 0 for none.
     """
     kind, delivered = type(found), maximum(gain, 0.0)
-    # A weak motor must not be asked for without bound: what it does not deliver stays in the plant.
-    asks = 1.0 / maximum(delivered, LEAST_GAIN) if passive_limit else 0.0
+    # A weak motor's command must not grow without bound: what it does not deliver stays in the plant.
+    factor = 1.0 / maximum(delivered, LEAST_GAIN) if passive_limit else 0.0
     parts = []
     for values in found:
-        asked, left, predicted = [], [], []
+        commanded, residual, predicted = [], [], []
         for index, value in enumerate(values):
             # The gain counts in units of the driven motor's, whose own is 1 therefore.
-            share, part = (1.0, 1.0) if index == joint else (asks, delivered)
-            asked.append(share * (maximum(value, 0.0) if kind is Friction else value))
-            left.append(value - part * asked[index])
+            share, part = (1.0, 1.0) if index == joint else (factor, delivered)
+            commanded.append(share * (maximum(value, 0.0) if kind is Friction else value))
+            residual.append(value - part * commanded[index])
             # The estimator adds the driven motor's whole command, so that its model must hold the whole friction.
-            seen = value if index == joint else left[index]
+            seen = value if index == joint else residual[index]
             predicted.append(maximum(seen, 0.0) if kind is Friction else seen)
-        parts.append((tuple(asked), tuple(left), tuple(predicted)))
+        parts.append((tuple(commanded), tuple(residual), tuple(predicted)))
     return Compensation(*(kind(*pairs) for pairs in zip(*parts, strict=True)))

@@ -37,15 +37,15 @@ typedef struct {
     swingup_filter filter;
     double unknowns[SWINGUP_UNKNOWNS];
     double covariance[SWINGUP_UNKNOWNS][SWINGUP_UNKNOWNS];
-    double variance[2]; /* of what each joint's row leaves unexplained (N^2 m^2) */
-    double held[2];     /* time for which each joint's row is still not used (s) */
-    double base[9];     /* base parameters of a pendulum: those found, or as near to them as can be */
-    double told[9];     /* the same with the friction that the compensation leaves */
-    double felt[4];     /* friction of the estimator's model: damping of both joints, then Coulomb friction */
-    double asked[4];    /* the same, of the friction whose counterpart the motors are asked for */
-    double carried[4];  /* constant torques of both joints, then springs, that the motors are asked to carry */
-    double load[4];     /* the same, of the estimator's model */
-    double offsets[2];  /* how much the measured angles are too large (rad) */
+    double variance[2];           /* of what each joint's row leaves unexplained (N^2 m^2) */
+    double held[2];               /* time for which each joint's row is still not used (s) */
+    double base[9];               /* base parameters of a pendulum: those found, or as near to them as can be */
+    double residual_base[9];      /* the same with the friction that the compensation leaves */
+    double predicted_friction[4]; /* of the estimator's model: damping of both joints, then Coulomb friction */
+    double commanded_friction[4]; /* the same, of the friction whose counterpart the motors are commanded */
+    double commanded_load[4];     /* constant torques of both joints, then springs, that the motors carry */
+    double predicted_load[4];     /* the same, of the estimator's model */
+    double offsets[2];            /* how much the measured angles are too large (rad) */
 } swingup_identifier;
 
 /* The compensation of the friction found, and the offsets of the angles. */
@@ -56,20 +56,20 @@ static inline void swingup_share(swingup_identifier *c)
     const double asks = SWINGUP_PASSIVE_LIMIT > 0.0 ? 1.0 / swingup_more(delivered, SWINGUP_LEAST_GAIN) : 0.0;
     int i;
     for (i = 0; i < 9; i++) {
-        c->told[i] = c->base[i];
+        c->residual_base[i] = c->base[i];
     }
     for (i = 0; i < 4; i++) {
         const int driven = i % 2 == SWINGUP_DRIVEN;
-        c->asked[i] = swingup_more(c->base[4 + i], 0.0) * (driven ? 1.0 : asks);
-        c->told[4 + i] -= (driven ? 1.0 : delivered) * c->asked[i];
+        c->commanded_friction[i] = swingup_more(c->base[4 + i], 0.0) * (driven ? 1.0 : asks);
+        c->residual_base[4 + i] -= (driven ? 1.0 : delivered) * c->commanded_friction[i];
         /* It brakes, or the implicit step would be singular near rest. The estimator counts the driven motor alone. */
-        c->felt[i] = swingup_more(driven ? c->base[4 + i] : c->told[4 + i], 0.0);
+        c->predicted_friction[i] = swingup_more(driven ? c->base[4 + i] : c->residual_base[4 + i], 0.0);
     }
     for (i = 0; i < 4 && SWINGUP_HAS_LOADS; i++) {
         const int driven = i % 2 == SWINGUP_DRIVEN;
         const double found = c->unknowns[SWINGUP_UNKNOWNS - 4 + i];
-        c->carried[i] = found * (driven ? 1.0 : asks);
-        c->load[i] = found * (driven ? 1.0 : 1.0 - asks * delivered);
+        c->commanded_load[i] = found * (driven ? 1.0 : asks);
+        c->predicted_load[i] = found * (driven ? 1.0 : 1.0 - asks * delivered);
     }
     c->offsets[0] = swingup_clip(tilt[0] / c->base[3], SWINGUP_MOST_OFFSET);
     c->offsets[1] = swingup_clip(tilt[1] / c->base[2], SWINGUP_MOST_OFFSET) - c->offsets[0];
@@ -81,8 +81,8 @@ static inline void swingup_compensate(const swingup_identifier *c, const double 
     const int finite = swingup_finite(seen, 4);
     int i;
     for (i = 0; i < 2; i++) {
-        const double rate = seen[i + 2], load = c->carried[i] + c->carried[i + 2] * seen[i];
-        const double torque = c->asked[i] * rate + c->asked[i + 2] * atan(SWINGUP_STEEPNESS * rate) + load;
+        const double rate = seen[i + 2], load = c->commanded_load[i] + c->commanded_load[i + 2] * seen[i];
+        const double torque = c->commanded_friction[i] * rate + c->commanded_friction[i + 2] * atan(SWINGUP_STEEPNESS * rate) + load;
         /* The arctangent and the clip would make a finite torque of an infinite velocity. */
         const double within = i == SWINGUP_DRIVEN ? torque : swingup_clip(torque, SWINGUP_PASSIVE_LIMIT);
         u[i] += finite ? SWINGUP_TORQUE_UNIT * within : (double)NAN;
@@ -337,7 +337,7 @@ static inline void swingup_project(swingup_identifier *c)
         const double product = (m11 * m22 - m12 * m12) / determinant;
         /* Both eigenvalues are real; rounding may not make the root's argument negative. */
         const double smallest = half - sqrt(fabs(half * half - product));
-        const double allowed = (1.0 - SWINGUP_MARGIN) / (1.0 - (smallest < SWINGUP_MARGIN ? smallest : SWINGUP_MARGIN));
+        const double allowed = (1.0 - SWINGUP_LEAST_MASS_SHARE) / (1.0 - (smallest < SWINGUP_LEAST_MASS_SHARE ? smallest : SWINGUP_LEAST_MASS_SHARE));
         share = allowed < share ? allowed : share;
     }
     for (i = 0; i < 9; i++) {
@@ -399,7 +399,7 @@ static inline void swingup_identify(swingup_identifier *c, const double x[4], in
     static const swingup_filter empty = {{{{0.0}}}};
     const int angles = 2 * SWINGUP_SPAN + 1;
     /* Not what is NaN either. */
-    const int near = fabs(x[0]) < SWINGUP_FARTHEST && fabs(x[1]) < SWINGUP_FARTHEST;
+    const int near = fabs(x[0]) < SWINGUP_LARGEST_ANGLE && fabs(x[1]) < SWINGUP_LARGEST_ANGLE;
     const int late = !(pause >= 0.0 && pause <= SWINGUP_LONGEST_STEP);
     double step = pause > 0.0 ? pause : SWINGUP_DT;
     swingup_identifier before;

@@ -27,7 +27,7 @@ changes by the opposite time, since their sum is what was found, and the low-pas
 
 Learning starts once the rows' angles and torques are known since the first call or the last pause. Numbers that are
 not finite after a call, and angles beyond 1e6 rad, change nothing. Other parts get θ0 + ς (θ - θ0) with the largest
-ς in [0, 1] for which the mass matrix is at least ``MARGIN`` times that of the nominal θ0.
+ς in [0, 1] for which the mass matrix is at least ``LEAST_MASS_SHARE`` times that of the nominal θ0.
 
 The motor's torque does not enter the undriven joint's row. That row alone gives its part of θ up to scale, and
 noise of the motor and pushes on the driven joint do not enter it; the driven joint's row adds the scale. Rates are
@@ -41,7 +41,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...plant.base_parameters import BASE, friction_of, lumped, share_allowed
+from ...plant.base_parameters import BASE, feasible_fraction, friction_of, lumped
 from ...plant.damped import Friction
 from ...plant.equations import Lumped, Number, Pair
 from ...plant.maths import Maths
@@ -64,14 +64,14 @@ class Found(NamedTuple):
     """The identified plant to predict with: its mass matrix is positive definite."""
     friction: Friction
     """Its friction, never negative; the undriven joint's is what the compensation leaves of it."""
-    asked: Friction
-    """Friction whose counterpart the motors are asked for."""
-    carried: Load | None
-    """Load that the motors are asked to carry; None where none is expected."""
+    commanded_friction: Friction
+    """Friction whose counterpart the motors are commanded."""
+    commanded_load: Load | None
+    """Load that the motors are commanded to carry; None where no load is expected."""
     load: Load | None
     """Load to predict with."""
-    told: tuple[Number, ...]
-    """θ as a policy and a regulator are told it: with the friction that the compensation leaves."""
+    residual_base: tuple[Number, ...]
+    """θ for policy and regulator: with the friction that the compensation leaves."""
     offsets: Pair
     """How much the measured angles are too large (rad)."""
 
@@ -175,7 +175,7 @@ def observe(
     state = maths.choose(full & finite, lambda: learned, state)
     # A huge angle would stay in the differences; NaN fails the comparison.
     far1, far2 = maths.numbers(abs(q))
-    near = (far1 < chosen.FARTHEST) & (far2 < chosen.FARTHEST)
+    near = (far1 < chosen.LARGEST_ANGLE) & (far2 < chosen.LARGEST_ANGLE)
     return maths.choose(xp.logical_not(near), lambda: restart(maths, loop, before), state)
 
 
@@ -183,21 +183,21 @@ def found(maths: Maths, loop: Loop, state: IdentifierState) -> Found:
     """What other parts need of the unknowns."""
     x = maths.numbers(state.unknowns)
     nominal = maths.numbers(maths.xp.asarray(loop.mean[:BASE], state.unknowns.dtype))
-    share = share_allowed(x, nominal, loop.geometry, chosen.MARGIN, maths.minimum, maths.root)
+    share = feasible_fraction(x, nominal, loop.geometry, chosen.LEAST_MASS_SHARE, maths.minimum, maths.root)
     theta = tuple(n + share * (one - n) for one, n in zip(x[:BASE], nominal, strict=True))
     known = x[chosen.GAIN], loop.joint, loop.passive_limit, maths.maximum
-    asked, left, predicted = compensation(friction_of(theta), *known)
-    carried, load = None, None
+    commanded, residual, predicted = compensation(friction_of(theta), *known)
+    commanded_load, load = None, None
     if len(x) > UNKNOWNS:
-        carried, _, load = compensation(Load(x[UNKNOWNS : UNKNOWNS + 2], x[UNKNOWNS + 2 :]), *known)
+        commanded_load, _, load = compensation(Load(x[UNKNOWNS : UNKNOWNS + 2], x[UNKNOWNS + 2 :]), *known)
     return Found(
         theta=theta,
         plant=lumped(theta, loop.geometry),
         friction=predicted,
-        asked=asked,
-        carried=carried,
+        commanded_friction=commanded,
+        commanded_load=commanded_load,
         load=load,
-        told=(*theta[:4], *left.damping, *left.coulomb, theta[8]),
+        residual_base=(*theta[:4], *residual.damping, *residual.coulomb, theta[8]),
         offsets=chosen.offsets(x[chosen.TILT1], x[chosen.TILT2], theta, maths.clip),
     )
 

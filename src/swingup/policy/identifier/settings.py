@@ -56,11 +56,11 @@ SPREAD = Spread()
 """How far plants lie from the nominal one: the ranges of the robustness benchmark."""
 DRIFT = 0.01
 """Drift of the unknowns, in prior standard deviations after 1 s."""
-MARGIN = 0.2
+LEAST_MASS_SHARE = 0.2
 """The identified mass matrix is at least this share of the nominal one, in every configuration."""
 MOST_OFFSET = 0.1
 """Largest offset of an angle that is believed (rad)."""
-FARTHEST = 1e6
+LARGEST_ANGLE = 1e6
 """An angle beyond this is not a measurement (rad): its digits do not tell the turn."""
 UNEVEN_STEP = 1e-3
 """Angle (rad) by which a call's motion may miss what the time since the last call explains."""

@@ -8,7 +8,7 @@ import numpy as np
 from ...common.errors import SwingupError
 from .stages import NormaliseStage, PendulumStage, PlantStage, Stage, checked
 
-SUM_GROUP = 64
+FLOAT32_SUM_WIDTH = 64
 """Inputs of a wide layer whose products are summed in single precision; the groups are summed in double."""
 STATE = 4
 """Length of a pendulum's state."""
@@ -108,7 +108,7 @@ def _check_order(stages: tuple[Stage, ...]) -> None:
         raise SwingupError("observation stage 'plant' must be the last one, and 'pendulum' the first")
 
 
-def check_plain(network: Network, program: str) -> None:
+def require_relu(network: Network, program: str) -> None:
     """Refuse hidden layers that a program does not run.
 
     The name of the program starts the sentence.

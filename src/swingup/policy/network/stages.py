@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from ...common.checks import LARGEST, one_of
+from ...common.checks import LARGEST_NUMBER, one_of
 from ...common.errors import SwingupError
 from ...common.settings import Range, in_range, read_values, settings_of
 from ...plant.base_parameters import BASE
@@ -25,7 +25,7 @@ SMALLEST_SCALE = 1e-30
 
 Array = Any
 """An array of NumPy or JAX."""
-Clip = Annotated[float, Range(1e-6, LARGEST)]
+Clip = Annotated[float, Range(1e-6, LARGEST_NUMBER)]
 """The result lies within ± this."""
 
 
@@ -40,7 +40,7 @@ class PendulumStage:
 
     PART: ClassVar[str] = "pendulum stage"
     angles: str = "wrapped"
-    velocity_scale: Annotated[float, Range(1e-6, LARGEST), VELOCITY] = 20.0
+    velocity_scale: Annotated[float, Range(1e-6, LARGEST_NUMBER), VELOCITY] = 20.0
     """s: velocities are clipped to ± this first (rad/s)."""
 
     def __post_init__(self) -> None:
@@ -69,7 +69,7 @@ class NormaliseStage:
     mean: Array
     variance: Array
     clip: Clip = 10.0
-    epsilon: Annotated[float, Range(1e-30, LARGEST)] = 1e-8
+    epsilon: Annotated[float, Range(1e-30, LARGEST_NUMBER)] = 1e-8
 
     def size(self, before: int) -> int:
         """Length of the result, that of the observation."""

@@ -81,7 +81,7 @@ class NumpyPolicy:
             return
         self.found = identifier.found(NUMPY, self.loop.finding, self.state.identified)
         if self._regulator is not None:
-            self._held = held(self._regulator, self.found.told)
+            self._held = held(self._regulator, self.found.residual_base)
 
     def _torque(self, x: np.ndarray) -> float:
         """The torque (N m) of the regulator where it acts, or of the policy, for the state in C.1's units."""
@@ -91,7 +91,7 @@ class NumpyPolicy:
                 return self._scales.scaled(float(torque), TORQUE)
         if self.found is not None:
             # The network sees a plant in its own units, as it was trained.
-            self._network.tell(self._base_units * self.found.told)
+            self._network.tell(self._base_units * self.found.residual_base)
         return self._network(x * self._state_units)
 
 
