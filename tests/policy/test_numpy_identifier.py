@@ -127,9 +127,9 @@ def test_the_policy_is_told(policy):
     told, plant = NumpyNetwork(policy), changed(policy.plant)
     other = NumpyNetwork(dataclasses.replace(policy, plant=plant))
     before = [told(x) for x in random_states()[:20]]
-    told.tell(base_parameters(plant).tolist())
+    told.set_plant(base_parameters(plant).tolist())
     after, expected = [told(x) for x in random_states()[:20]], [other(x) for x in random_states()[:20]]
     np.testing.assert_allclose(after, expected, rtol=0, atol=1e-13)
     assert np.abs(np.array(after) - before).max() > 1e-3
-    told.tell(base_parameters(policy.plant).tolist())
+    told.set_plant(base_parameters(policy.plant).tolist())
     np.testing.assert_allclose([told(x) for x in random_states()[:20]], before, rtol=0, atol=1e-13)

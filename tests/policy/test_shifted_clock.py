@@ -81,7 +81,7 @@ def test_torques_follow_from_estimate_plant_and_memory(name):
     shown, acted = watched(found), []
     _, _, torques = numpy_loop(found)
     for (estimate, base, against), u in zip(shown, torques, strict=True):
-        network.tell(base)
+        network.set_plant(base)
         regulator.tell(np.array(base))
         regulated = regulator(estimate)
         acted.append(regulated is not None)

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..common.checks import finite_number, one_of, suggestion, whole_number
 from ..common.errors import SwingupError
-from ..common.other_names import our_name
+from ..common.other_names import swingup_name
 from ..common.text import quoted
 from ..policy.network.layers import Activation
 
@@ -162,7 +162,7 @@ def check_hyperparameter(name: Any, others: Iterable[str] = ()) -> str:
     names = hyperparameters()
     if name in names:
         return name
-    near = our_name(name) or suggestion(name, [*names, *others]) or "; swingup train --help lists them all"
+    near = swingup_name(name) or suggestion(name, [*names, *others]) or "; swingup train --help lists them all"
     raise SwingupError(f"unknown hyperparameter {quoted(name)}{near}")
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..common.cores import cores
 from ..common.errors import SwingupError
-from ..common.foreign import blaming, naming
+from ..common.foreign import errors_named_after, naming
 from ..controllers.baselines.switch import AbstractExpensiveController
 from ..controllers.interface.call_time import announce
 from ..controllers.interface.controller import AbstractController, check_interface, check_robot, split
@@ -155,7 +155,7 @@ def _run_compiled(
     if number == 1:
         # Without a batch a controller skips the branch that it does not take.
         alone = jax.tree.map(lambda leaf: leaf[0], scenarios)
-        with jax.enable_x64(True), blaming("running it"):
+        with jax.enable_x64(True), errors_named_after("running it"):
             result = _simulate(alone, arrays, static, span, batched=False)
             return _batch(jax.tree.map(lambda leaf: np.asarray(leaf)[None], result), span.dt)
     on_cpu = jax.default_backend() == "cpu"
@@ -169,7 +169,7 @@ def _run_compiled(
     def run(part: int) -> _Result:
         with jax.enable_x64(True):  # which is a setting of the thread
             piece = jax.tree.map(lambda leaf: leaf[part * size : (part + 1) * size], padded)
-            with blaming("running it"):
+            with errors_named_after("running it"):
                 result = _simulate(piece, arrays, static, span, batched=True)
                 # Converted in this thread: the call above returns before its result is computed.
                 return jax.tree.map(np.asarray, result)

@@ -17,7 +17,7 @@ TRACEBACK = "Traceback (most recent call last)"
 
 
 @contextlib.contextmanager
-def blaming(what: str, remedy: str = "correct it there") -> Iterator[None]:
+def errors_named_after(what: str, remedy: str = "correct it there") -> Iterator[None]:
     """Run foreign code, named by ``what`` as in "its reset()"."""
     try:
         yield
@@ -47,5 +47,5 @@ def described(error: BaseException) -> str:
 
 def attribute(source: Any, name: str, default: Any = None) -> Any:
     """An attribute of a foreign object, which a property or ``__getattr__`` may compute."""
-    with blaming(f"its attribute {name}"):
+    with errors_named_after(f"its attribute {name}"):
         return getattr(source, name, default)

@@ -23,7 +23,7 @@ OTHER_NAMES = {
 """By the other packages' names: ours."""
 
 
-def our_name(name: object) -> str:
+def swingup_name(name: object) -> str:
     """The end of a message about an unknown name: our name for it; empty if we have none."""
     ours = OTHER_NAMES.get(name) if isinstance(name, str) else None
     return f": here it is {ours}" if ours else ""

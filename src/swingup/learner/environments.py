@@ -24,7 +24,7 @@ from jaxtyping import Bool, Float32, Shaped
 from .. import gym  # noqa: F401 (registers swingup's own ids)
 from ..common.checks import whole_number
 from ..common.errors import SwingupError
-from ..common.foreign import attribute, blaming
+from ..common.foreign import attribute, errors_named_after
 from ..common.text import one_line, quoted
 from ..tasks.space_actions import space_actions
 from ..tasks.task import Spaces
@@ -188,7 +188,7 @@ class Environments:
 
     def _call(self, method: str, names: tuple[str, ...], *arguments: Any, **options: Any) -> dict[str, Any]:
         """Call a method of the environment; what it returns, by name."""
-        with blaming(f"{method}() of {self._name}"):
+        with errors_named_after(f"{method}() of {self._name}"):
             returned = getattr(self._env, method)(*arguments, **options)
         if not isinstance(returned, tuple) or len(returned) != len(names):
             raise SwingupError(f"{method}() of {self._name} gave {quoted(returned)}: return ({', '.join(names)})")
@@ -241,7 +241,7 @@ def make_environments(env: Any, num_envs: int) -> Environments:
     if isinstance(env, VectorEnv):
         return Environments(checked_vector(env), lent=True)
     makers = _only_makers(env) or [_maker(env)] * num_envs
-    with blaming(f"making {num_envs} of {quoted(env, 200)}", f"use {MAKES_SENSE}"):
+    with errors_named_after(f"making {num_envs} of {quoted(env, 200)}", f"use {MAKES_SENSE}"):
         # SAME_STEP spends no row on a reset.
         several = SyncVectorEnv(
             [functools.partial(_one, make) for make in makers], autoreset_mode=AutoresetMode.SAME_STEP

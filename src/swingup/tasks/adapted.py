@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common.errors import SwingupError
-from ..common.foreign import attribute, blaming
+from ..common.foreign import attribute, errors_named_after
 from ..common.text import one_line, quoted
 from ..common.types import Observation
 from .space_actions import SpaceActions
@@ -77,7 +77,7 @@ class AbstractAdaptedTask(AbstractTask[AdaptedState]):
         """Refuse a step that changes the observation's shape, or the structure or the types of the state."""
         start = jax.eval_shape(self.reset, jax.random.key(0))
         action = jnp.zeros(self.action_size, jnp.int32 if self.choices else jnp.float32)
-        with blaming(f"{method}({arguments})"):
+        with errors_named_after(f"{method}({arguments})"):
             step = jax.eval_shape(self.step, start, action, jax.random.key(0))
         if step.observation.shape != start.observation.shape:
             raise SwingupError(f"{method} shows {step.observation.shape}, its reset {start.observation.shape}")

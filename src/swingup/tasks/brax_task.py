@@ -17,7 +17,7 @@ import numpy as np
 
 from ..common.checks import whole_number
 from ..common.errors import SwingupError
-from ..common.foreign import attribute, blaming
+from ..common.foreign import attribute, errors_named_after
 from ..common.text import one_line
 from ..common.types import Action, Flag, Key
 from .adapted import AbstractAdaptedTask, AdaptedState, check_hash, shape_of_observation
@@ -48,7 +48,7 @@ class BraxTask(AbstractAdaptedTask):
         size = (whole_number(f"action_size of {name}", attribute(env, "action_size"), 1),)
         ones = np.ones(size, np.float32)
         self.env, self.actions = env, SpaceActions(size, "float32", (), -ones, ones)
-        with blaming(f"{name}.reset(key)"):
+        with errors_named_after(f"{name}.reset(key)"):
             start = jax.eval_shape(env.reset, jax.random.key(0))
         missing = [each for each in ("obs", "reward", "done", "info") if not hasattr(start, each)]
         if missing:

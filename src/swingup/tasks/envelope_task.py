@@ -12,7 +12,7 @@ from typing import Any
 import jax
 
 from ..common.errors import SwingupError
-from ..common.foreign import attribute, blaming
+from ..common.foreign import attribute, errors_named_after
 from ..common.text import one_line
 from ..common.types import Action, Key
 from .adapted import AbstractAdaptedTask, AdaptedState, arrays_of, check_hash, shape_of_observation
@@ -77,7 +77,7 @@ def _check_spaces(env: Any, name: str) -> None:
 
 def _observation_shape(env: Any, name: str) -> tuple[int, ...]:
     """The shape of the observation, from a trace of ``init``."""
-    with blaming(f"{name}.init(key)"):
+    with errors_named_after(f"{name}.init(key)"):
         answer = jax.eval_shape(env.init, jax.random.key(0))
     if not isinstance(answer, tuple) or len(answer) != 2:
         raise SwingupError(f"{name}.init returns {one_line(answer, 100)}: it must return state and information")

@@ -12,7 +12,7 @@ import equinox as eqx
 import jax
 
 from ..common.errors import SwingupError
-from ..common.foreign import attribute, blaming
+from ..common.foreign import attribute, errors_named_after
 from ..common.text import one_line
 from ..common.types import Action, Key
 from .adapted import AbstractAdaptedTask, AdaptedState, arrays_of, check_hash, shape_of_observation
@@ -49,9 +49,9 @@ class GymnaxTask(AbstractAdaptedTask):
         name = type(env).__name__
         check_hash(name, env)
         given = attribute(env, "default_params") if params is None else params
-        with blaming(f"{name}.action_space(params)"):
+        with errors_named_after(f"{name}.action_space(params)"):
             self.actions = space_actions(env.action_space(given))
-        with blaming(f"{name}.observation_space(params)"):
+        with errors_named_after(f"{name}.observation_space(params)"):
             space = env.observation_space(given)
         if attribute(space, "low") is None:
             raise SwingupError(
@@ -60,7 +60,7 @@ class GymnaxTask(AbstractAdaptedTask):
         self.env, self.params = env, arrays_of(name, given)
         # ``step_env`` is an environment's own; wrappers and gymnax's base class have ``step``.
         self.method = "step" if callable(attribute(env, "step")) else "step_env"
-        with blaming(f"{name}.reset(key, params)"):
+        with errors_named_after(f"{name}.reset(key, params)"):
             observation, _ = jax.eval_shape(env.reset, jax.random.key(0), self.params)
         self.observation_shape = shape_of_observation(observation, name)
         self.check_steps(f"{name}.{self.method}", "key, state, action, params")

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...common.errors import SwingupError
-from ...common.foreign import blaming
+from ...common.foreign import errors_named_after
 from ...common.text import duration
 from .controller import AbstractController, split
 from .python_controller import PythonController, answer
@@ -36,7 +36,7 @@ def call_time(controller: AbstractController[Any] | PythonController, dt: float)
     states = np.sin(times[:, None] * [3.0, 5.0, 4.0, 6.0]) * [0.3, 0.3, 1.0, 1.5]
     if isinstance(controller, PythonController):
         return _python_call_time(controller, times, states)
-    with jax.enable_x64(True), blaming("running it"):
+    with jax.enable_x64(True), errors_named_after("running it"):
         inputs = *split(controller), jnp.asarray(times), jnp.asarray(states)
         jax.block_until_ready(run_calls(*inputs))  # compiles
         took = []

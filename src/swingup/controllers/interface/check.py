@@ -9,7 +9,7 @@ import numpy as np
 
 from ...common.checks import finite_number
 from ...common.errors import SwingupError
-from ...common.foreign import attribute, blaming
+from ...common.foreign import attribute, errors_named_after
 from ...plant.robots import TORQUE_LIMIT, Robot, get_robot
 from .call_time import run_calls
 from .controller import AbstractController, check_interface, check_robot, split
@@ -118,7 +118,7 @@ def _try_compiled(controller: AbstractController[Any]) -> np.ndarray:
     states = trial_states()
     with jax.enable_x64(True):
         check_interface(controller)
-        with blaming("running it"):
+        with errors_named_after("running it"):
             torques = np.asarray(run_calls(*split(controller), jnp.arange(len(states)) * DT, jnp.asarray(states)))
     faulty = np.flatnonzero(~np.isfinite(torques).all(axis=1))
     if faulty.size:
@@ -140,7 +140,7 @@ def _try_plain(controller: PythonController) -> tuple[list[str], np.ndarray]:
             "keep memory in the object, not in globals or its class"
         )
     x = states[-1].copy()
-    with blaming("calling it"):
+    with errors_named_after("calling it"):
         # Called directly: answer() passes a copy, which would hide the change.
         controller.start()(x, 0.0)
     if not np.array_equal(x, states[-1]):

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from ...common.errors import SwingupError
-from ...common.foreign import attribute, blaming
+from ...common.foreign import attribute, errors_named_after
 from ...common.text import one_line
 from ...common.types import Scalar, State, Torque
 from ...plant.robots import Robot
@@ -108,7 +108,9 @@ def check_robot(source: Any, robot: Robot) -> None:
 def _check_hashable(controller: AbstractController[Any]) -> None:
     """Refuse fields by which JAX cannot tell one compiled program from another: lists, sets, static arrays."""
     _, static = split(controller)
-    with blaming("hashing its fields", "make lists and sets tuples, and keep arrays in fields that are not static"):
+    with errors_named_after(
+        "hashing its fields", "make lists and sets tuples, and keep arrays in fields that are not static"
+    ):
         hash(static)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...common.errors import SwingupError
-from ...common.foreign import attribute, blaming, described
+from ...common.foreign import attribute, described, errors_named_after
 from ...common.text import quoted
 
 Answer = Callable[[np.ndarray, float], Any]
@@ -39,14 +39,14 @@ class PythonController:
         for name in ("reset", "init"):
             method = attribute(self.source, name)
             if callable(method):
-                with blaming(f"its {name}()"):
+                with errors_named_after(f"its {name}()"):
                     method()
         return _by_keywords(attribute(self.source, "get_control_output", self.source))
 
     def copies(self, number: int) -> "list[PythonController]":
         """Independent controllers for simulations side by side; just this one where it has none."""
         try:
-            with blaming("its copying"):
+            with errors_named_after("its copying"):
                 made = [self, *(PythonController(copy.deepcopy(self.source)) for _ in range(number - 1))]
         except SwingupError:
             return [self]

@@ -252,7 +252,7 @@ static inline void swingup_update(swingup_identifier *c, int joint, double step)
 {
     const double least = swingup_least_variance[joint], most = swingup_most_variance[joint];
     const double *row = c->filter.rows[2][joint];
-    double known[SWINGUP_UNKNOWNS], unsure = 0.0, error = row[SWINGUP_UNKNOWNS], size = fabs(error);
+    double uncertain[SWINGUP_UNKNOWNS], predictive_variance = 0.0, error = row[SWINGUP_UNKNOWNS], size = fabs(error);
     double lowest, r, distance, held, w, heavy, seen;
     int i, j;
 
@@ -264,8 +264,8 @@ static inline void swingup_update(swingup_identifier *c, int joint, double step)
             odd += p[j] * row[j];
             even += p[j + 1] * row[j + 1];
         }
-        known[i] = even + odd;
-        unsure += row[i] * known[i];
+        uncertain[i] = even + odd;
+        predictive_variance += row[i] * uncertain[i];
         error -= row[i] * c->unknowns[i];
     }
     for (i = 0; i < 4; i++) {
@@ -273,7 +273,7 @@ static inline void swingup_update(swingup_identifier *c, int joint, double step)
     }
     lowest = least + (SWINGUP_RELATIVE_FLOOR * size) * (SWINGUP_RELATIVE_FLOOR * size);
     r = c->variance[joint] > lowest ? c->variance[joint] : lowest;
-    distance = error * error / (unsure + r);
+    distance = error * error / (predictive_variance + r);
     held = distance > SWINGUP_GATE_SQUARED ? SWINGUP_GATE_HOLD : c->held[joint] - step;
     w = (SWINGUP_STUDENT + distance) / (SWINGUP_STUDENT + 1.0);
     heavy = r * swingup_more(1.0, SWINGUP_CORRELATION / step) * (w > 1.0 ? w : 1.0);
@@ -282,11 +282,11 @@ static inline void swingup_update(swingup_identifier *c, int joint, double step)
     c->variance[joint] += -expm1(-step / (seen > c->variance[joint] ? SWINGUP_RISE_TIME : SWINGUP_FALL_TIME)) * (seen - c->variance[joint]);
     c->held[joint] = held > 0.0 ? held : 0.0;
     for (i = 0; i < SWINGUP_UNKNOWNS; i++) {
-        const double gain = held > 0.0 ? 0.0 : known[i] / (unsure + heavy);
+        const double gain = held > 0.0 ? 0.0 : uncertain[i] / (predictive_variance + heavy);
         c->unknowns[i] += gain * error;
         /* Half of the symmetric matrix is computed: at -O2 this loop was a quarter of a call's time. */
         for (j = 0; j <= i; j++) {
-            c->covariance[i][j] -= gain * known[j];
+            c->covariance[i][j] -= gain * uncertain[j];
             c->covariance[j][i] = c->covariance[i][j];
         }
     }

@@ -91,7 +91,7 @@ class NumpyPolicy:
                 return self._scales.scaled(float(torque), TORQUE)
         if self.found is not None:
             # The network sees a plant in its own units, as it was trained.
-            self._network.tell(self._base_units * self.found.residual_base)
+            self._network.set_plant(self._base_units * self.found.residual_base)
         return self._network(x * self._state_units)
 
 

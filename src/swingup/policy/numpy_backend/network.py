@@ -35,14 +35,14 @@ class NumpyNetwork:
         self._activate = ACTIVATIONS[network.activation]
         self._head, self._offset = network.head.weight[0].astype(np.float64), network.head.bias.astype(np.float64)
         # The biases of the first layer, which take up what the plant adds (``network/fold.py``).
-        self._told = self._layers[0][1] if self._layers else self._offset
-        self._sight, first = policy.network.plant_stage, policy.network.layers[0]
+        self._plant_bias = self._layers[0][1] if self._layers else self._offset
+        self._plant_stage, first = policy.network.plant_stage, policy.network.layers[0]
         self._weight, self._bias = first.weight[:, -BASE:].astype(np.float64), first.bias.astype(np.float64)
 
-    def tell(self, base: Sequence[float] | np.ndarray) -> None:
+    def set_plant(self, base: Sequence[float] | np.ndarray) -> None:
         """Show the policy a plant with base parameters θ (9,) from now on, if it sees its plant."""
-        if self._sight is not None:
-            self._told[:] = self._bias + self._weight.dot(self._sight.inputs(np.asarray(base)))
+        if self._plant_stage is not None:
+            self._plant_bias[:] = self._bias + self._weight.dot(self._plant_stage.inputs(np.asarray(base)))
 
     def __call__(self, x: np.ndarray) -> float:
         """The torque (N m) for a state of shape (4,); NaN where that is not finite."""
