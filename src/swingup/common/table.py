@@ -181,7 +181,7 @@ def _choose(
     titles = [title for title in header if title and title not in used]
     absent = [name for group, names in zip(groups, best, strict=True) if not names for name in group[0]]
     wanted = [name for names in best if set(names) & set(missing) for name in names]
-    # Where a column is not there at all, those of the others are no help.
+    # Where a column is not there at all, those of the others do not help.
     found = len(suggest_columns(titles, wanted)) == len(wanted)
     words = " ".join(map(quote_word, suggest_columns(titles, wanted + absent) if found else ()))
     remedy = f"write --columns {words}" if words else "map columns with --columns NAME=TITLE"

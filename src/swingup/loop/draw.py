@@ -1,4 +1,4 @@
-"""Draws from a domain: one plant and the disturbance of its loop, each number evenly from its range."""
+"""Draws from a domain: one plant and the disturbance of its loop, each number uniform on its range."""
 
 import dataclasses
 
@@ -20,7 +20,7 @@ PUSH_TIME = 2.0
 
 
 def draw(domain: Domain, key: Key, robot: Robot) -> tuple[Plant, Disturbance]:
-    """A plant and the disturbance of its loop, each number drawn evenly from its range in the domain."""
+    """A plant and the disturbance of its loop, each number uniform on its range in the domain."""
     value_key, push_key, noise_key = jax.random.split(key, 3)
     plant, loop = _draw_values(domain, value_key)
     driven = jnp.array(robot.actuation)

@@ -10,8 +10,8 @@ of time, and the motor's torque limit that of torque. Ratios remain: two pendulu
 parameters are equal in these units.
 
 Numbers are written down for C.1, with their units in their fields' annotations: :func:`scaled` multiplies them, and
-:func:`similar_plant` divides a plant's own. Nothing else knows how a unit scales: what is no record is converted by
-:meth:`Scales.scaled` and :meth:`Scales.similar`. The loop's real period stays everywhere.
+:func:`similar_plant` divides a plant's own. Nothing else knows how a unit scales: what is not a record is
+converted by :meth:`Scales.scaled` and :meth:`Scales.similar`. The loop's real period stays everywhere.
 """
 
 import dataclasses

@@ -10,6 +10,7 @@ from ..common.checks import finite_number, one_of
 from ..common.errors import SwingupError
 from ..common.text import quoted
 from ..plant.base_parameters import BASE_NAMES, FRICTIONS, base_parameters
+from ..plant.equations import friction
 from ..plant.plant import NAMES, Plant, make_plant, validated
 from ..plant.robots import Robot
 from .network.stages import PlantStage
@@ -109,13 +110,13 @@ def _facts(plant: Plant, robot: Robot) -> dict[str, float]:
 
 def _bases(plant: Plant) -> dict[str, float]:
     """What an identifier can find, with friction at 1 rad/s (N m)."""
-    p = {name: float(value) for name, value in plant.values().items()}
-    rotor, at_rate = p["gr"] ** 2 * p["Ir"], math.atan(100.0)
+    both, elbow, second, first, b1, b2, cf1, cf2, rotor = base_parameters(plant).tolist()
+    geared = float(plant.gr) ** 2 * rotor
     return {
-        "m1 r1 + m2 l1": p["m1"] * p["r1"] + p["m2"] * p["l1"],
-        "m2 r2": p["m2"] * p["r2"],
-        "I1 + m2 l1² + gr² Ir": p["I1"] + p["m2"] * p["l1"] ** 2 + rotor,
-        "I2 + gr² Ir": p["I2"] + rotor,
-        "friction of the shoulder": p["b1"] + p["cf1"] * at_rate,
-        "friction of the elbow": p["b2"] + p["cf2"] * at_rate,
+        "m1 r1 + m2 l1": first,
+        "m2 r2": second,
+        "I1 + m2 l1² + gr² Ir": both - elbow + geared,
+        "I2 + gr² Ir": elbow + geared,
+        "friction of the shoulder": friction(b1, cf1, 1.0, math.atan),
+        "friction of the elbow": friction(b2, cf2, 1.0, math.atan),
     }

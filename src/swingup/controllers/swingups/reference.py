@@ -57,7 +57,7 @@ def load_reference(path: str | Path) -> tuple[Reference, dict[str, Any]]:
     if missing:
         raise SwingupError(f"trajectory file {path} lacks {', '.join(missing)}: {RECOMPUTE}")
     dt, rows = metadata["dt"], arrays["torque"].shape
-    # A spacing of more than a second is no swing-up's: it was not in seconds.
+    # A spacing of more than a second is not a swing-up's: its times were not in seconds.
     dt = positive_number(f"trajectory file {path} has dt", dt, 1.0, "s")
     for name in REFERENCE_ARRAYS:
         array, shape = arrays[name], rows if name == "torque" else (*rows, 4)

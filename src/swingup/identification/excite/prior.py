@@ -50,7 +50,7 @@ def prior_around(plant: Plant) -> Domain:
 
 
 def draw_models(domain: Domain, count: int, seed: int) -> Float[np.ndarray, "count 15"]:
-    """Models of plants and loops from the domain's ranges, evenly; the first is the middle of all ranges."""
+    """Models of plants and loops, uniform on the domain's ranges; the first is the middle of all ranges."""
     random = np.random.default_rng(seed)
     names = [name for name, _, _ in domain.ranges]
     low, high = (np.array([row[place] for row in domain.ranges]) for place in (1, 2))

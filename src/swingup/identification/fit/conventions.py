@@ -41,8 +41,8 @@ FOREIGN_SHARE, UNPREDICTED_SHARE = 0.3, 0.5
 """A log is refused above this unexplained share, if the better of start and regression also predicts the angles
 after 0.25 s with an error above this share of their motion."""
 FREE_FALL = (0.1, 0.15)
-"""A log without torques is no free fall above this unexplained share, if masses end at their bounds or predictions
-have a larger error than this; recordings of free falls have 0.07 and 0.09."""
+"""A log without torques is not a free fall above this unexplained share, if masses end at their bounds or
+predictions have a larger error than this; recordings of free falls have 0.07 and 0.09."""
 MISMATCH_RATIO = 1.5
 """Ratio of the angles' slopes to recorded velocities, or its inverse, that noise does not explain."""
 NOTABLE_FACTOR = 1.3

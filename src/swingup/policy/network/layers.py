@@ -13,7 +13,7 @@ FLOAT32_SUM_WIDTH = 64
 STATE = 4
 """Length of a pendulum's state."""
 LARGEST_FEATURE = 1e30
-"""No layer may reach more, for any observation: single precision ends at 3e38, and ∞ times 0 is no torque."""
+"""No layer may reach more, for any observation: single precision ends at 3e38, and ∞ times 0 is not a torque."""
 
 Activation = Literal["relu", "tanh", "elu", "silu", "gelu"]
 """What follows a hidden layer; gelu is x (1 + tanh(√(2/π) (x + 0.044715 x³))) / 2, silu x / (1 + e^-x)."""
