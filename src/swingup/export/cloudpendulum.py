@@ -54,6 +54,7 @@ class CloudPendulumController:
 
     def get_control_output(self, state: Sequence[MotorState]) -> list[float]:
         """The torques [u1, u2] (N m) for the measured positions (rad) and velocities (rad/s) of both joints."""
+        # First of all: what the call takes is not a part of the measurement's time.
         now = self._clock()
         if self._start is None:
             self._start = now

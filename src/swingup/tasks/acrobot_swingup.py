@@ -97,6 +97,7 @@ class AcrobotSwingup(AbstractTask[PendulumState]):
         """1 within the target; beyond, a Gaussian of the distance, or nothing."""
         upper = x[0] - math.pi
         lower = upper + x[1]
+        # Links of 1 m: the highest place of the tip is 2 m above the shoulder.
         distance = jnp.hypot(jnp.sin(upper) + jnp.sin(lower), 2.0 - jnp.cos(upper) - jnp.cos(lower))
         beyond = jnp.maximum(distance - RADIUS, 0.0)
         return jnp.where(beyond > 0.0, 0.0 if self.sparse else AT_MARGIN ** (beyond**2), 1.0)

@@ -127,6 +127,7 @@ class PendulumTask(AbstractPendulumTask):
 
     def reset(self, key: Key) -> PendulumState:
         """Hang down, disturbed by Gaussian noise on all four states."""
+        # Rates have the plant's unit of time; angles have no unit.
         noise = self.reset_noise * jax.random.normal(key, (4,)) * jnp.array([1.0, 1.0, *2 * [self.reset_rate]])
         return PendulumState(x=noise, steps=jnp.array(0))
 

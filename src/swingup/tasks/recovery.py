@@ -43,6 +43,7 @@ class RecoveryTask(AbstractPendulumTask):
         """From -1, far down, to 0, upright at rest without torque."""
         # Saturated: far down all states are alike, and only the time counts.
         away = 1 - jnp.exp(self.quadratic_reward(x, u) / self.saturation)
+        # By the height, as the board counts the time until the tip is up.
         below = UP_FRACTION * self.parameters.length - tip_height(self.parameters, x)
         down = jax.nn.sigmoid(below / self.up_line_width)
         return -((1 - self.down_weight) * away + self.down_weight * down)

@@ -33,6 +33,7 @@ def call_time(controller: AbstractController[Any] | PythonController, dt: float)
     Calls in JAX are compiled, one after another as on a robot.
     """
     times = np.arange(CALLS) * dt
+    # Smooth as a pendulum's: at jumps an estimator restarts, which takes less time.
     states = np.sin(times[:, None] * [3.0, 5.0, 4.0, 6.0]) * [0.3, 0.3, 1.0, 1.5]
     if isinstance(controller, PythonController):
         return _python_call_time(controller, times, states)
