@@ -33,7 +33,8 @@ class NumpyPolicy:
         self.policy, self._joint, self._network = policy, policy.robot.joint, NumpyNetwork(policy)
         joint, scales = self._joint, scales_of(policy.plant)
         # All but the network computes in C.1's units; kept, since finding them takes as long as a small network.
-        self._scales, self._state_units, self._base_units = scales, np.array(scales.state), np.array(scales.base)
+        self._state_units, self._base_units = np.array(scales.state), np.array(scales.base)
+        self._torque_unit = scales.of(TORQUE)
         self.loop: estimator.Loop | None = None
         self.shortest_pause = 0.0
         if policy.estimator is not None if estimated is None else estimated:
@@ -66,13 +67,13 @@ class NumpyPolicy:
             u = np.zeros(2)
             u[self._joint] = self._torque(x)
             if self.loop is not None and self.found is not None:
-                u = u + self._scales.scaled(estimator.compensation(NUMPY, self.loop, self.found, x), TORQUE)
+                u = u + self._torque_unit * estimator.compensation(NUMPY, self.loop, self.found, x)
             return u
 
     def given(self, u: np.ndarray) -> None:
         """Note what the motors were given of the torques (2,) (N m)."""
         if self.loop is not None:
-            self.state = estimator.remember(NUMPY, self.loop, self.state, self._scales.similar(u, TORQUE))
+            self.state = estimator.remember(NUMPY, self.loop, self.state, u / self._torque_unit)
 
     def _tell(self) -> None:
         """Hand the plant found to what depends on it."""
@@ -88,7 +89,7 @@ class NumpyPolicy:
         if self._regulator is not None:
             self._regulated, torque = regulator.regulate(NUMPY, self._regulator, self._regulated, self._held, x)
             if self._regulated.acting:
-                return self._scales.scaled(float(torque), TORQUE)
+                return float(torque) * self._torque_unit
         if self.found is not None:
             # The network sees a plant in its own units, as it was trained.
             self._network.set_plant(self._base_units * self.found.residual_base)
