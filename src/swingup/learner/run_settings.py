@@ -120,7 +120,7 @@ class RunSettings:
             return self._call(frames) + (f"  # env: {self.name}" if passed_in else "")
         options = {"env": self.env, "preset": self.preset, "frames": frames, "seed": self.seed}
         if self.plant != LEADERBOARD:
-            name = self.plant.name.removesuffix(FRICTIONLESS)
+            name = self.plant.name.removesuffix(FRICTIONLESS_SUFFIX)
             options |= {"plant": name, "frictionless": True if name != self.plant.name else None}
         options |= {"seeds": None if self.seeds == 1 else self.seeds, **self._changed()}
         return command_line("train", *([self.robot] if self.robot else []), **options)
