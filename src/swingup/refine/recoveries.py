@@ -20,7 +20,7 @@ from .teacher import Teachers
 
 STARTS = 4096
 """States that recoveries begin with."""
-FARTHEST = 1.0
+LARGEST_COST_TO_GO = 1.0
 """Largest cost-to-go of the nominal plant's LQR where a recovery begins near the top."""
 
 
@@ -47,10 +47,10 @@ def make_recoveries(
 def _near_top(
     cost_to_go: Float[np.ndarray, "4 4"], number: int, random: np.random.Generator
 ) -> Float[np.ndarray, "number 4"]:
-    """States about upright whose costs-to-go are uniform up to ``FARTHEST``."""
+    """States about upright whose costs-to-go are uniform up to ``LARGEST_COST_TO_GO``."""
     directions = random.normal(size=(number, 4))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    sizes = np.sqrt(FARTHEST * random.uniform(size=(number, 1)))
+    sizes = np.sqrt(LARGEST_COST_TO_GO * random.uniform(size=(number, 1)))
     # With S = L Lᵀ, errors L⁻ᵀ z have the costs zᵀ z.
     errors = np.linalg.solve(np.linalg.cholesky(cost_to_go).T, (sizes * directions).T)
     return UPRIGHT + errors.T
