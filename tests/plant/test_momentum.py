@@ -17,7 +17,7 @@ from swingup.plant.base_parameters import (
     geometry_of,
     lumped,
 )
-from swingup.plant.maths import NUMPY
+from swingup.plant.maths import ARRAYS
 from swingup.plant.momentum import mean_arctan, momentum_rows
 from swingup.plant.plant import load_plant
 
@@ -25,9 +25,6 @@ PLANT = dataclasses.replace(load_plant("C.1"), b1=0.02, b2=-0.03, cf1=0.1, cf2=-
 GEOMETRY = geometry_of(PLANT)
 RATIO = PLANT.m2 * PLANT.r2 / (PLANT.m1 * PLANT.r1 + PLANT.m2 * PLANT.l1)
 TORQUE = (1.3, -0.4)
-MATHS = NUMPY._replace(
-    sine_cosine=lambda angle: (np.sin(angle), np.cos(angle)), arctan=np.arctan, log1p=np.log1p, where=np.where
-)
 
 
 def slope(x, u):
@@ -54,7 +51,7 @@ def motion(times, u):
 
 
 def rows_of(angles, times):
-    return np.array(momentum_rows(*angles, times, GEOMETRY, RATIO, MATHS))
+    return np.array(momentum_rows(*angles, times, GEOMETRY, RATIO, ARRAYS))
 
 
 @pytest.mark.parametrize(
@@ -85,7 +82,7 @@ def test_rows_take_offsets_into_account(wrong):
 @pytest.mark.parametrize(("start", "end"), [(-0.3, 0.2), (0.01, 0.02), (5.0, 5.0002), (0.004, 0.004), (-2.0, 2.0)])
 def test_mean_of_friction(start, end):
     rates = np.linspace(start, end, 200_001)
-    assert mean_arctan(start, end, MATHS) == pytest.approx(np.arctan(100 * rates).mean(), abs=3e-4)
+    assert mean_arctan(start, end, ARRAYS) == pytest.approx(np.arctan(100 * rates).mean(), abs=3e-4)
 
 
 def test_base_parameters_hold_the_plant():

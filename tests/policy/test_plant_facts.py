@@ -8,7 +8,7 @@ import pytest
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.damped import Friction, damped_midpoint_step
 from swingup.plant.equations import acceleration, lump
-from swingup.plant.maths import NUMPY
+from swingup.plant.maths import ARRAYS, NUMPY
 from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.plant.robots import get_robot
 from swingup.policy.network.stages import PlantStage
@@ -19,7 +19,6 @@ from .references import policy
 ACROBOT = get_robot("acrobot")
 WIDE = dataclasses.replace(load_plant("C.1"), tl1=10.0, tl2=10.0, name="mine.yml")
 MINE = policy_plant(WIDE, ACROBOT)
-ARRAYS = NUMPY._replace(sine_cosine=lambda angle: (np.sin(angle), np.cos(angle)), arctan=np.arctan)
 
 
 STATE, TORQUES = (0.4, -0.8, 3.0, -2.0), (1.0, -2.0)

@@ -90,3 +90,8 @@ NUMPY = Maths(
     choose=lambda condition, yes, no: yes() if condition else no,
 )
 """NumPy's functions, for arrays in double precision and Python's floats."""
+
+ARRAYS = NUMPY._replace(
+    sine_cosine=lambda angle: (np.sin(angle), np.cos(angle)), arctan=np.arctan, log1p=np.log1p, where=np.where
+)
+"""The same for equations whose single numbers are arrays: many at once."""

@@ -20,7 +20,7 @@ from scipy.optimize import lsq_linear
 
 from ...plant.base_parameters import BASE, BASE_NAMES, lumped
 from ...plant.equations import mass_entries
-from ...plant.maths import NUMPY
+from ...plant.maths import ARRAYS
 from ...plant.momentum import momentum_rows
 from ..log.recording import Recording
 from ..log.segments import LEAST_SPEED, Segments, cut
@@ -36,9 +36,6 @@ STEP = SPAN / POINTS
 """Time between the states of a span (s): momenta are those of the middles between two of them."""
 OFFSETS = STEP * (np.arange(POINTS + 2) - 0.5)
 """Times of its states (s): the first and the last middle are its ends."""
-ARRAYS = NUMPY._replace(
-    sine_cosine=lambda angle: (np.sin(angle), np.cos(angle)), arctan=np.arctan, log1p=np.log1p, where=np.where
-)
 AGES = np.array([0.0, 0.004, 0.008, 0.016])
 """Ages of a command when it acts (s), of which the likeliest is taken."""
 MOST_SPANS = 400
