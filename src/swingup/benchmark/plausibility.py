@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..common.checks import LARGEST_NUMBER
+from ..dynamics.angles import wrap_difference
 from ..dynamics.integrate import rk4_steps, stable_substeps
 from ..plant.equations import lump
 from ..plant.plant import LEADERBOARD, Plant, load_plant
@@ -191,7 +192,7 @@ def _rate(period: np.ndarray, dt: float, simulated: bool, compares: bool) -> _Fo
 
 
 def _start(x: Float[np.ndarray, "4"], fastest: float, refuses: bool) -> _Found:
-    angle, speed = float(np.abs(_wrapped(x[:2])).max()), float(np.abs(x[2:]).max())
+    angle, speed = float(np.abs(wrap_difference(x[:2])).max()), float(np.abs(x[2:]).max())
     # Negated, here and below: a NaN from overflow must count as a finding.
     if not (angle <= HANGING[0] and speed <= fastest):
         text = f"it starts {angle:.3g} rad off hanging, at {speed:.3g} rad/s: record from hanging at rest"
@@ -216,7 +217,7 @@ def _torques(u: Float[np.ndarray, "rows 2"], robot: Robot, limit: float, thrown:
 
 def _slip(period: np.ndarray, x: Float[np.ndarray, "rows 4"]) -> Float[np.ndarray, "steps 2"]:
     """Change of the angles that the velocities of its two rows do not explain (rad), by the trapezoidal rule."""
-    return _wrapped(np.diff(x[:, :2], axis=0) - 0.5 * period[:, None] * (x[:-1, 2:] + x[1:, 2:]))
+    return wrap_difference(np.diff(x[:, :2], axis=0) - 0.5 * period[:, None] * (x[:-1, 2:] + x[1:, 2:]))
 
 
 def _is_simulated(period: np.ndarray, x: np.ndarray, slip: Float[np.ndarray, "steps 2"]) -> bool:
@@ -240,7 +241,7 @@ def _positions(period: np.ndarray, slip: Float[np.ndarray, "steps 2"], scales: S
 
 
 def _stretch(period: np.ndarray, x: Float[np.ndarray, "rows 4"]) -> _Found:
-    moved = _in_windows(_wrapped(np.diff(x[:, :2], axis=0)), period)
+    moved = _in_windows(wrap_difference(np.diff(x[:, :2], axis=0)), period)
     # Velocities are those at a row, or differences to the row before or after it.
     after, before = (_in_windows(period[:, None] * rates, period) for rates in (x[1:, 2:], x[:-1, 2:]))
     squares = max(float(np.sum(moved**2)), 1 / LARGEST_NUMBER)
@@ -326,8 +327,3 @@ def _in_windows(steps: Float[np.ndarray, "steps n"], period: np.ndarray) -> Floa
 
 def _largest(values: np.ndarray) -> float:
     return float(np.abs(values).max())
-
-
-def _wrapped(angle: np.ndarray) -> np.ndarray:
-    """Angles in [-π, π): logs may wrap theirs."""
-    return (angle + math.pi) % (2 * math.pi) - math.pi

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..common.checks import one_of
 from ..common.errors import SwingupError
+from ..dynamics.angles import wrap_difference
 from ..dynamics.integrate import stable_substeps
 from ..loop.supervisors.throws import thrown_states
 from ..plant.plant import LEADERBOARD, PlantLike, load_plant
@@ -54,7 +55,7 @@ def global_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> RecoveryTask:
     hanging = 0.05 * random.normal(size=(3000, 4))
     others = scales_of(smooth.parameters).scaled(np.concatenate([anywhere, hanging]), *STATE)
     starts = np.concatenate([thrown, others])
-    starts[:, :2] = (starts[:, :2] + np.pi) % (2 * np.pi) - np.pi  # full turns cost digits in single precision
+    starts[:, :2] = wrap_difference(starts[:, :2])  # full turns cost digits in single precision
     task = RecoveryTask(**(vars(smooth) | {"max_steps": 300}), starts=jnp.asarray(starts, jnp.float32))
     return _in_own_units(task)
 
