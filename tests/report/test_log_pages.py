@@ -1,4 +1,4 @@
-"""A log beside plants: errors of the right plant vanish, and pages and figures show them."""
+"""Pages about logs: comparisons, in which errors of the right plant vanish, and identifications."""
 
 import dataclasses
 import json
@@ -12,14 +12,17 @@ from refusals import refusal
 from swingup.benchmark.log_comparison import Comparison, close_loop, compare
 from swingup.benchmark.recording import driven_robot
 from swingup.cli import main
-from swingup.identification.fit.scoring import error_row, prediction_errors, score_windows, summarise
+from swingup.identification.fit.prediction import INDEX, integration_of, vector_of
+from swingup.identification.fit.scoring import prediction_errors, score_windows, summarise
+from swingup.identification.identify import Identification
 from swingup.identification.log.recording import read_recording
 from swingup.identification.log.segments import INTERVAL, Segments, cut_windows
 from swingup.identification.open_loop import by_speed, predict_log, predicted_curves
+from swingup.identification.results import Estimates
 from swingup.loop.domain import make_domain
 from swingup.plant.robots import ROBOTS
 from swingup.report.draw import draw
-from swingup.report.log_report import report_comparison
+from swingup.report.log_report import report_comparison, report_identification
 from swingup.report.page import render_log_page, save_log_report
 
 from .logs import C1, write_log
@@ -61,14 +64,6 @@ def test_errors_up_to_half_a_second_are_those_of_the_fixed_scoring(comparison):
         scored = summarise(prediction_errors(each.setting, each.model[None], windows))
         for key, row in scored.items():
             assert each.horizons[key] == row
-
-
-def test_rows_of_errors_by_hand():
-    row = error_row(np.array([[3.0, 4.0, 0.0, 1.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 1.0, 0.0]]))
-    assert row.angle == pytest.approx(np.sqrt(25 / 6))
-    assert row.angle_median == 0.0
-    assert row.velocity == row.velocity_median == pytest.approx(np.sqrt(1 / 2))
-    assert error_row(np.zeros((0, 4))).angle is None
 
 
 def test_windows_are_grouped_by_their_fastest_joint():
@@ -149,3 +144,64 @@ def test_the_command(log, tmp_path, capsys):
     for named in (["--plant", "nothing"], ["--domain", "recorded"], ["--robot", "acrobot"], ["--seed", "0"]):
         assert main(["compare", str(log), *named]) == 2
         assert named[-1] in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    recording = read_recording(write_log(tmp_path_factory.mktemp("logs") / "<log>.csv"))
+    setting, windows = integration_of(C1), score_windows([recording])
+    fitted = vector_of(C1, delay=0.0, lag=3e-4)
+    start = fitted.copy()
+    start[INDEX["B"]] *= 1.3
+    estimates = Estimates(
+        {"I2": 0.05, "b1": 0.002, "cf1": 0.16, "b2": 0.0, "cf2": 0.12},
+        {"I2": (0.049, 0.051), "b1": (0.001, 0.003), "cf1": (0.15, 0.17)},
+        {"I2": True, "b1": False, "cf1": True},
+    )
+    errors = {
+        name: summarise(prediction_errors(setting, row[None], windows))
+        for name, row in {"fitted": fitted, "start": start}.items()
+    }
+    return Identification(
+        C1,
+        estimates,
+        errors,
+        {},
+        ("one <note>",),
+        "heavy",
+        setting,
+        [recording],
+        fitted[None],
+        start[None],
+        windows,
+    )
+
+
+def test_the_page_has_parameters_errors_windows_residuals_and_friction(found):
+    study = report_identification(found)
+    titles = [part.title for part in study.parts]
+    assert titles == ["Parameters", "Held-out errors", "Held-out windows: <log>.csv", "Residuals", "Friction"]
+    rows = [list(row) for part in study.parts[:2] for table in part.tables for row in table.rows]
+    assert rows[1] == ["b1", "0.002", "0.001 to 0.003", "no"]
+    assert [row[0] for row in rows[3:]] == ["0.1", "0.25", "0.5"]
+    assert all(float(row[2]) > 10 * float(row[1]) for row in rows[3:])  # the start's angle beside the fitted
+    markup = re.sub(r"<script.*?</script>|<style.*?</style>", "", render_log_page(study), flags=re.DOTALL)
+    assert "one &lt;note&gt;" in markup
+    assert "<log>" not in markup
+
+
+def test_friction_lies_within_its_band(found):
+    panel = report_identification(found).parts[-1].figure.panels[0]
+    fitted, start = panel.curves
+    assert np.all((fitted.interval[:, 0] <= fitted.y) & (fitted.y <= fitted.interval[:, 1]))
+    fast = fitted.x[-1]
+    slope = np.arctan(found.setting.steepness * fast)
+    assert fitted.y[-1] == pytest.approx(0.002 * fast + 0.16 * slope)
+    assert start.y[-1] == pytest.approx(C1.b1 * fast + C1.cf1 * slope)
+
+
+def test_residuals_of_the_right_plant_are_small(found):
+    residuals = report_identification(found).parts[-2]
+    for panel in residuals.figure.panels:
+        start, fitted = (np.abs(curve.y) for curve in panel.curves)
+        assert np.median(fitted) < 0.2 * np.median(start)
