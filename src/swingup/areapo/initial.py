@@ -51,7 +51,7 @@ def init_learner(key: Key, spaces: Spaces, config: Config) -> LearnerState:
 def std_share(actions: int) -> float:
     """The share of the initial standard deviation that each of m actions has: (2 / m)^(4/3), from 0.15 to 1.
 
-    An ant's eight joints throw it about with more, and where it goes then says nothing of single actions.
+    With more, an ant's eight joints throw it onto its back, and where it goes says nothing of single actions.
     """
     return max(0.15, min(1.0, (2 / actions) ** (4 / 3)))
 
