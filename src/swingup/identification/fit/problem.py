@@ -77,7 +77,7 @@ def known_entries(known: Mapping[str, float] | None) -> dict[str, float]:
     entries = {}
     for name, value in (known or {}).items():
         entry = KNOWN_NAMES[one_of("known value", name.replace(" ", ""), KNOWN_NAMES)]
-        # As wide as the bounds of the fit (unknowns.py).
+        # Delay and lag within the bounds of the fit (unknowns.py); of other values a sign or a size is wrong.
         least = 1e-9 if entry in (*MASSES[:4], "gain1") else -0.015 if entry == "delay" else 0.0
         most = {"delay": 0.025, "lag": 0.015}.get(entry, 1e3)
         entries[entry] = max(finite_number(name, value, least, most), LEAST_LAG if entry == "lag" else least)

@@ -147,7 +147,7 @@ def _defaults(root: Element) -> dict[str, dict[str, dict[str, str]]]:
             read(each, own, (each.get("class", ""),))
 
     for top in root.findall("default"):
-        # The outermost class is called main, whatever its own name.
+        # The outermost class is called main, beside its own name.
         read(top, found[MAIN], (MAIN, top.get("class", MAIN)))
     return found
 
