@@ -16,6 +16,7 @@ from swingup.controllers.baselines.lqr import linearised
 from swingup.dynamics.angles import UPRIGHT
 from swingup.plant.plant import LEADERBOARD
 from swingup.plant.robots import ROBOTS
+from swingup.report import draw
 
 BENCHMARKS = Path(swingup.__file__).parents[2] / "benchmarks"
 
@@ -24,14 +25,20 @@ pytestmark = pytest.mark.skipif(not BENCHMARKS.is_dir(), reason="the scripts are
 
 @pytest.fixture
 def run(monkeypatch, capsys):
-    """Runs a script with options; gives the cells of the table's lines."""
+    """Runs a script with options; gives the cells of the table's lines, and the figures, which are not written."""
     monkeypatch.syspath_prepend(BENCHMARKS)
+    import study
+
+    figures = []
+    monkeypatch.setattr(draw, "render", lambda figure, suffix: figures.append(figure) or b"")
+    monkeypatch.setattr(study, "write_atomically", lambda path, content: None)
 
     def start(name, *options):
+        figures.clear()
         monkeypatch.setattr(sys, "argv", [name, *map(str, options)])
         __import__(name).main()
         lines = capsys.readouterr().out.splitlines()
-        return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+        return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines], list(figures)
 
     yield start
     for name in ("study", "ablations", "mujoco_learning", "continuing", "paper_runs", "acrobot_swingup"):
@@ -57,7 +64,7 @@ def mujoco(run, tmp_path):
 
 
 def test_improvement_over_tasks_of_unequal_runs(mujoco):
-    found = mujoco(
+    found, _ = mujoco(
         {
             ("A-v1", "areapo"): [5.0, 5.0, 0.0],
             ("A-v1", "sb3-ppo"): [1.0, 2.0],
@@ -68,11 +75,11 @@ def test_improvement_over_tasks_of_unequal_runs(mujoco):
     assert found[3][:3] == ["A-v1", "3 (0 to 5)", "2 (1 to 2, 2 seeds only)"]
     # The interval: with two of B's runs at 10 (1 of 4 resamples) none of its pairs wins, with two at 30 all do.
     assert found[-1][0].endswith("improves on sb3-ppo: 0.75 (0.50 to 1.00; 2 and 2 runs of 2 tasks)")
-    assert mujoco({("A-v1", "areapo"): [5.0, 6.0]})[-1][0].endswith("improves on sb3-ppo: not run")
+    assert mujoco({("A-v1", "areapo"): [5.0, 6.0]})[0][-1][0].endswith("improves on sb3-ppo: not run")
 
 
 def test_verdicts_on_claims(run, tmp_path):
-    found = run("ablations", "default", "--seeds", "0", "--study", BENCHMARKS / "runs" / "ablations.jsonl")
+    found, _ = run("ablations", "default", "--seeds", "0", "--study", BENCHMARKS / "runs" / "ablations.jsonl")
     assert [(row[0], row[-1]) for row in found[-3:-1]] == [
         ("entropy decides", "holds"),
         ("average reward decides", "not enough power"),
@@ -91,9 +98,44 @@ def test_rates_while_training_beside_the_published_ones(run, tmp_path):
     rates = [0.0] * 90 + [5.0] * 10  # their mean is 0.5; random actions have -0.45, PPO with centred rewards 1.41
     row = {"run": ["Ant"], "seed": 0, "scores": rates, "resets": rates, "deterministic": 6.0}
     (tmp_path / "runs.jsonl").write_text(json.dumps(row) + "\n")
-    found = run("continuing", "Ant", "Hopper", "--seeds", "0", "--study", tmp_path / "runs.jsonl")
+    found, _ = run("continuing", "Ant", "Hopper", "--seeds", "0", "--study", tmp_path / "runs.jsonl")
     assert found[3] == ["Ant", "-0.45", "1.38", "1.41", "0.500", "51 %", "5.000", "6.000", "5.00", "1"]
     assert found[4][4] == "not run"
+
+
+def test_both_selections_of_the_papers_runs(run, tmp_path):
+    def write(seed, scores, last_frames):
+        """Evenly spaced evaluations, a second for each 10,000 frames, and a row without evaluation."""
+        rows = [{"seed": seed, "frames": 1, "seconds": 0.1}]
+        for k, score in enumerate(scores, start=1):
+            frames = last_frames * k // len(scores)
+            rows.append({"seed": seed, "frames": frames, "seconds": frames / 1e4, "score": score})
+        path = tmp_path / f"acrobot-paper-{seed}.jsonl"
+        path.write_text("".join(json.dumps(row) + "\n" for row in rows))
+        return path
+
+    # Twenty evaluations: the last tenth are two, whose medians are 0.55 and 0.2.
+    whole = write(0, [0.0] * 9 + [0.52, *[0.61] * 7, 0.64, 0.5, 0.6], 50_000_000)
+    short = write(1, [0.0] * 18 + [0.3, 0.1], 20_000_000)
+    rows, (figure,) = run("paper_runs", whole, short, "--plot", "picture.svg")
+    first, second, together = (row for row in rows if row[0].startswith("acrobot"))
+    assert first == [
+        "acrobot, seed 0", "50.0 M", "0.640 (45.0 M)", "0.550", "0.600",
+        "25.0 M (2,500 s)", "27.5 M (2,750 s)", "27.5 M (2,750 s)", "45.0 M (4,500 s)",
+    ]  # fmt: skip
+    assert second == [
+        "acrobot, seed 1", "20.0 M of 50 M, incomplete", "0.300 (19.0 M)", "0.200", "0.100", *["not reached"] * 4,
+    ]  # fmt: skip
+    # The best of all checkpoints; the median of 0.55 and 0.2; the paper's own score.
+    assert together == ["acrobot", "2 (1 incomplete)", "0.640", "0.375", "0.633"]
+    assert [len(line.get_xdata()) for line in figure.axes[0].get_lines()[:2]] == [20, 20]
+
+
+def test_pictures_of_the_stored_runs(run):
+    study = BENCHMARKS / "runs" / "ablations.jsonl"
+    _, (figure,) = run("ablations", "--seeds", "0", "--study", study, "--plot", "picture.svg")
+    assert len(figure.axes) == 5
+    assert {axes.get_xlabel() for axes in figure.axes} == {"frames (millions)"}
 
 
 # How far from upright a motor brings a pendulum back.

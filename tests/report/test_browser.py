@@ -18,7 +18,7 @@ from swingup.plant.robots import ROBOTS
 from swingup.report.page import render_page
 from swingup.runtime import load_controller
 
-from .pages import EVIL, make_evil_section
+from .pages import EVIL, NASTY, make_evil_section
 
 DT = 0.002
 step = jax.jit(rk4_step)
@@ -313,3 +313,46 @@ def test_an_arrow_key_pushes_the_tip(page):
     assert page.evaluate(f"{live}.pushes.length") == 0
     page.locator("#acrobot input[type=range]").press("ArrowRight")  # outside of the pendulum it means what it meant
     assert page.evaluate(f"{live}.pushes.length") == 0
+
+
+def test_choices_change_the_plots(page):
+    page.locator("#acrobot .choice span", has_text=NASTY).click()
+    assert NASTY in page.locator("#acrobot [data-run=undisturbed] canvas").get_attribute("aria-label")
+    assert page.evaluate("swingup.players[0].state('undisturbed').x") == [0, 0, 0, 0]  # it hangs
+    bars = page.locator("#acrobot g[data-name='ar-eapo']")
+    assert bars.count() == 1
+    legend = page.locator("#acrobot [data-plot=robustness] label:text-is('ar-eapo') input")
+    legend.uncheck()
+    assert bars.count() == 0
+    legend.check()
+
+
+def test_live_buttons(page):
+    root, live = page.locator("#pendubot .live"), "swingup.live.pendubot"
+    assert page.evaluate(f"[{live}.time, {live}.policyOn]") == [0, False]  # it hangs until it is asked
+    page.evaluate(f"{live}.advance(1)")
+    assert page.evaluate(f"{live}.x") == [0, 0, 0, 0]
+    for name in ("Motor off", "Swing up"):
+        root.locator("[data-do=policy]").click()
+        assert root.locator("[data-do=policy]").inner_text() == name
+    root.locator("[data-do=reset]").click()
+    root.locator("[data-do=right]").press("Enter")
+    page.evaluate(f"{live}.advance(0.2)")
+    assert page.evaluate(f"{live}.x")[0] > 0.005
+    root.locator("[data-do=pause]").click()
+    stopped = page.evaluate(f"{live}.time")
+    page.wait_for_timeout(100)
+    assert page.evaluate(f"{live}.time") == stopped
+    root.locator("[data-do=reset]").click()
+    assert page.evaluate(f"[{live}.time, ...{live}.x]") == [0, 0, 0, 0, 0]
+
+
+def test_narrow_and_dark(page):
+    light = picture(page, "#acrobot .live canvas")
+    page.emulate_media(color_scheme="dark")
+    wait_until(lambda: picture(page, "#acrobot .live canvas") != light)
+    page.set_viewport_size({"width": 360, "height": 740})
+    page.wait_for_timeout(100)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 360
+    page.emulate_media(color_scheme="light")
+    page.set_viewport_size({"width": 1280, "height": 900})

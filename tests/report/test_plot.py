@@ -1,5 +1,7 @@
 import json
 import math
+import re
+from xml.etree import ElementTree
 
 import matplotlib
 import numpy as np
@@ -235,6 +237,43 @@ def test_what_cannot_be_drawn_is_named():
 
 
 # All figures
+
+QUANTITY = r".+ \((rad|rad/s|s|N m|%|millions|0 to 1|–)\)"
+"""A label and its unit; the dash stands for quantities without one."""
+
+
+def axis_label(axes, direction):
+    """The label of an axis, or of the panel that shows the shared axis."""
+    group = getattr(axes, f"get_shared_{direction}_axes")().get_siblings(axes)
+    labels = {getattr(each, f"get_{direction}label")() for each in group} - {""}
+    assert len(labels) == 1
+    return labels.pop()
+
+
+def test_every_axis_has_a_label_and_a_unit():
+    for figure in (
+        plot_trajectories({"a": swing(), "b": swing()}, "acrobot"),
+        plot_phase({"a": swing()}, "pendubot"),
+        plot_robustness({"a": result()}),
+        plot_curves({"a": [{**row, "termination_rate": 1e-3, "mean_length": 9.0} for row in curve()]}),
+    ):
+        labels = {axis_label(axes, direction) for axes in figure.axes for direction in ("x", "y")}
+        assert all(re.fullmatch(QUANTITY, label) for label in labels - {"criterion"})  # criteria are names
+
+
+@pytest.mark.slow
+def test_figures_do_not_depend_on_names():
+    names = ("_hidden", "cost in $", "$x_1", "x" * 300, "a_b", "--></svg>\x1b\n\udcff")
+    for figure in (
+        plot_trajectories({name: swing() for name in names}, "acrobot"),
+        plot_phase({name: swing() for name in names}, "acrobot"),
+        plot_robustness({name: result() for name in names}),
+        plot_curves({name: curve() for name in names}),
+    ):
+        assert render(figure, ".png")
+        ElementTree.fromstring(render(figure, ".svg"))  # no name leaves its comment, no control character stays
+        if figure.legends:
+            assert len(legend_texts(figure.legends[0])) >= len(names)
 
 
 def test_a_figure_is_the_same_every_time_whatever_the_global_settings():
