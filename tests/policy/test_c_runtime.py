@@ -17,7 +17,7 @@ pytestmark = needs_gcc
 PARTS = ("estimator", "identifier", "regulator", "guard")
 QUICK = ((), ("guard",), PARTS)
 COMBINATIONS = [
-    pytest.param(parts, marks=[] if parts in QUICK else pytest.mark.slow, id="-".join(parts))
+    pytest.param(TOLD, parts, marks=[] if parts in QUICK else pytest.mark.slow, id="-".join(parts))
     for number in range(len(PARTS) + 1)
     for parts in itertools.combinations(PARTS, number)
     if "identifier" not in parts or "estimator" in parts
@@ -74,12 +74,13 @@ int main(void)
 """
 
 
-def write(folder, parts):
-    """The runtime, data for some parts, and the program."""
-    told = policy(TOLD)
-    # Its motor gives half of what the policy asks for.
-    weak = dataclasses.replace(told.plant, tl2=0.5 * told.torque_limit)
-    whole = dataclasses.replace(told, plant=weak, guard=default_guard(DT))
+def write(folder, parts, name=TOLD):
+    """The runtime, data for some parts of a policy, and the program."""
+    told = policy(name)
+    # Its motor gives half of what the policy asks for, and less than braking.
+    weak = dataclasses.replace(told.plant, **{f"tl{told.robot.joint + 1}": 0.5 * told.torque_limit})
+    braking = dataclasses.replace(default_guard(DT), braking=2.0)
+    whole = dataclasses.replace(told, plant=weak, guard=braking)
     found = dataclasses.replace(whole, **{part: None for part in PARTS if part not in parts})
     for name, text in (("data.h", c_data(found)), ("runtime.h", runtime()), ("fuzz.c", FUZZ)):
         (folder / name).write_text(text, encoding="utf-8")
@@ -90,10 +91,10 @@ def gcc(folder, *flags):
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("parts", COMBINATIONS)
-def test_with_each_combination_of_switches(tmp_path, parts):
+@pytest.mark.parametrize(("name", "parts"), [*COMBINATIONS, ("pendubot-ar-eapo", ())])
+def test_with_each_combination_of_switches(tmp_path, name, parts):
     """Without a warning; and whatever it is sent, no torque is beyond its motor's limit."""
-    write(tmp_path, parts)
+    write(tmp_path, parts, name)
     result = gcc(tmp_path, "-fsanitize=undefined,address", "-fno-sanitize-recover")
     assert (result.returncode, result.stderr) == (0, "")
     result = subprocess.run([str(tmp_path / "fuzz")], capture_output=True, text=True, check=False)

@@ -207,7 +207,7 @@ def test_the_torque_changes_no_faster_than_allowed():
     assert controller.guard.fault is None
 
 
-@pytest.mark.parametrize("guard", [True, False])
+@pytest.mark.parametrize("guard", [True, False, GuardSettings(braking=5.0)], ids=["guard", "none", "braking"])
 @pytest.mark.parametrize("name", ["acrobot-adaptive", "pendubot-adaptive", "acrobot-estimated", "pendubot-global"])
 def test_no_torque_of_a_wrapped_controller_is_beyond_its_motors_limit(name, guard):
     """Whatever is measured, filtered, compensated and called: by RealAIGym's interface and by CloudPendulum's."""
