@@ -1,6 +1,7 @@
 """Baselines that are designed for other plants."""
 
 import dataclasses
+import re
 
 import jax
 import jax.numpy as jnp
@@ -207,6 +208,18 @@ def test_friction_of_the_passive_joint_is_counted_on_and_where_that_fails_is_sai
             plain = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], upright_lqr(own.model, *arguments[:2]))
             held = dry_friction._errors_held(plain, own.rubbing, arguments[2]) < dry_friction.FALLEN_ANGLE
         assert not held.any()  # without it the pendulum falls from everywhere
+
+
+@pytest.mark.slow
+def test_a_heavy_acrobot_with_much_friction_is_held(caplog):
+    """By none of the two settings that suit the shipped designs."""
+    links = {"m1": 1.5, "l1": 0.25, "r1": 0.125, "I1": 0.03125, "m2": 1.2, "l2": 0.3, "r2": 0.15, "I2": 0.036}
+    losses = {"Ir": 0.0, "b1": 0.01, "b2": 0.01, "cf1": 0.3, "cf2": 0.2, "tl1": 12.0, "tl2": 12.0}
+    own = design_of(get_robot("acrobot"), load_plant("C.1").changed(**links, **losses))
+    arguments = get_robot("acrobot"), own.published.lqr
+    holding_lqr(own.rubbing, *arguments, 0.002 / own.scales.time)
+    assert int(re.search(r"from (\d+) of 32", caplog.text)[1]) >= 16
+    assert dry_friction._best(own.rubbing, *arguments, dry_friction.COUNTINGS, 0.002 / own.scales.time)[1] == 0
 
 
 @pytest.mark.slow
