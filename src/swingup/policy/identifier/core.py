@@ -240,7 +240,7 @@ def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
         variances.append(variance)
         holds.append(held)
     prior_variance = maths.xp.asarray(loop.covariance, covariance.dtype).diagonal()
-    # Friction warms up and offsets shift: without a drift old motion would outweigh all that comes. No less sure
+    # Friction changes and offsets shift: without a drift old motion would outweigh all that comes. No less sure
     # than at the start: the drift must not exceed the prior.
     drift = chosen.DRIFT**2 * step * prior_variance * (covariance.diagonal() < prior_variance)
     return state._replace(
