@@ -173,10 +173,13 @@ def find_columns(recording: Recording, setting: Integration, start: Float[np.nda
         if solution.cost < found.cost - PAIR_LIKELIER_COST:
             best, found = pair, solution
     if found.cost < plain.cost - LIKELIER_COST and found.unexplained < min(GOOD_SHARE, better * plain.unexplained):
-        best = [_name_unit(scan, best, each) for each in best]
-        shares = f"as it is, {_share(plain)} of the motion stays unexplained, otherwise {_share(found)}"
-        texts = " and ".join(dict.fromkeys(each.text for each in best))
-        return Finding(f"{texts}: {shares}", remedy(recording, scan.reading(best)))
+        named = [_name_unit(scan, best, each) for each in best]
+        # With much noise a probe may be likelier although the unit is right.
+        best = [each for each in named if each.group != "unit of torque" or not np.array_equal(each.torques, _SAME)]
+        if best:
+            shares = f"as it is, {_share(plain)} of the motion stays unexplained, otherwise {_share(found)}"
+            texts = " and ".join(dict.fromkeys(each.text for each in best))
+            return Finding(f"{texts}: {shares}", remedy(recording, scan.reading(best)))
     return (
         _check_speed(recording)
         or _check_velocities(recording)
