@@ -176,6 +176,7 @@ def test_command_lines_run_in_their_order(tmp_path, monkeypatch, small_grid, bri
     for name, number in {"free-fall": 1, "excitation": 2, "a": 1, "b": 2, "c": 3}.items():
         shutil.copy(logs / f"C1-excitation-{number}.csv", f"{name}.csv")
     assert main(["evaluate", "acrobot", "--save", "robot.csv"]) == 0
+    assert main(shlex.split("evaluate acrobot --plant B.0 --controller ar-eapo --save b0.csv")) == 0
     shutil.copy("robot.csv", "odd.csv")
     rows = np.loadtxt("robot.csv", delimiter=",", skiprows=1)
     np.savetxt("minute.csv", np.insert(rows, [5] * 4, 0.0, axis=1), delimiter=",")
