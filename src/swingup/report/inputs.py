@@ -54,8 +54,10 @@ def check_robustness(name: str, result: Any) -> None:
     if not isinstance(result, Mapping) or all(result.get(each) is None for each in CRITERIA):
         raise SwingupError(f"{name} holds no robustness score: {ROBUSTNESS_REMEDY}")
     intervals = result.get("intervals", {})
+    if not isinstance(intervals, Mapping):
+        raise SwingupError(f"{name}: intervals = {quoted(intervals)} are no object: {ROBUSTNESS_REMEDY}")
     for criterion, largest in {**dict.fromkeys(CRITERIA, 100.0), "score": 1.0}.items():
-        ends = intervals.get(criterion) or () if isinstance(intervals, Mapping) else intervals
+        ends = intervals.get(criterion) or ()
         if not isinstance(ends, list | tuple) or len(ends) not in (0, 2):
             raise SwingupError(f"{name}: interval of {criterion} = {quoted(ends)} is not a pair")
         for value in (0.0 if result.get(criterion) is None else result[criterion], *ends):
