@@ -108,6 +108,7 @@ LEFT_OUT = {
     "--scheduler": "a cluster",
     "--recipe recover": "six minutes; tests/refine has it",
     "--recipe adapt": "an hour; tests/refine has it",
+    "q1=theta1+180:deg": "a log of other columns; tests/identification has such",
 }
 """Command lines that do not run here, and why."""
 SHORTER = {

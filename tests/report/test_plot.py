@@ -214,7 +214,8 @@ def test_a_third_panel_shows_resets_where_there_were_some():
 
 NO_RESULTS = [
     [1, 2], {}, dict.fromkeys(CRITERIA), result(model="high"), result(delay=math.nan), result(score=71.0),
-    result(intervals=[1, 2]), result(intervals=[]), result(intervals={"model": [1, None]}), result(intervals={"model": [1, 101]}),
+    result(intervals=[1, 2]), result(intervals=[]),
+    result(intervals={"model": [1, None]}), result(intervals={"model": [1, 101]}),
 ]  # fmt: skip
 ROW = {"seed": 0, "frames": 1, "score": 0.5}
 NO_CURVES = [[], [{"seed": 0, "frames": 1}], [ROW | {"frames": "many"}], [ROW | {"score": math.inf}]]
