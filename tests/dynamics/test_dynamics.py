@@ -119,7 +119,7 @@ def test_power_balance(plant):
         return jax.jvp(lambda x: dynamics.total_energy(plant, x), (x,), (flow,))[1]
 
     def power(x, u):
-        return x[2:] @ (u - dynamics.friction_torque(plant, x))
+        return x[2:] @ (u - jnp.array(dynamics.friction_torques(plant, x)))
 
     rates, powers = jax.jit(jax.vmap(lambda x, u: (energy_rate(x, u), power(x, u))))(*random_states())
     np.testing.assert_allclose(rates, powers, rtol=1e-9, atol=1e-9)
@@ -128,7 +128,7 @@ def test_power_balance(plant):
 def test_friction_by_hand():
     # b1 dq1 + cf1 arctan(100 dq1): 0.1 * 0.01 + 0.16 * π/4 at dq1 = 0.01; far above, cf saturates at cf π/2.
     plant = dataclasses.replace(load_plant("C.1"), b1=0.1, cf1=0.16, b2=0.0, cf2=0.12)
-    found = dynamics.friction_torque(plant, jnp.array([1.0, 2.0, 0.01, -1e9]))
+    found = dynamics.friction_torques(plant, jnp.array([1.0, 2.0, 0.01, -1e9]))
     np.testing.assert_allclose(found, [0.001 + 0.04 * np.pi, -0.06 * np.pi], rtol=1e-9)
 
 
@@ -211,7 +211,7 @@ OF_STATE_AND_TORQUE = ("acceleration", "derivative", "linearise")
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize(
-    "name", ["mass_matrix", "friction_torque", "total_energy", "tip_height", *OF_STATE_AND_TORQUE]
+    "name", ["mass_matrix", "friction_torques", "total_energy", "tip_height", *OF_STATE_AND_TORQUE]
 )
 def test_results_have_the_dtype_of_the_state(name, dtype):
     x, u = jnp.array([0.1, 0.2, 0.3, 0.4], dtype), jnp.array([0.5, 0.6], dtype)

@@ -7,8 +7,9 @@ import pytest
 
 from swingup.dynamics import implicit_friction
 from swingup.dynamics.dynamics import mass_matrix, total_energy
-from swingup.dynamics.implicit_friction import implicit_friction_step
 from swingup.dynamics.integrate import rk4_step
+from swingup.plant.damped import Friction
+from swingup.plant.equations import lump
 from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.plant.robots import ROBOTS
 
@@ -17,6 +18,11 @@ pytestmark = pytest.mark.usefixtures("x64")
 C1 = load_plant("C.1")
 SMALL = dataclasses.replace(load_plant("cloudpendulum-rods"), cf1=0.002, cf2=0.003)
 START = np.array([0.5, -0.3, 2.0, -4.0])
+
+
+def implicit_step(plant, x, u, dt):
+    friction = Friction((plant.b1, plant.b2), (plant.cf1, plant.cf2))
+    return jnp.stack(implicit_friction.implicit_step(lump(plant), friction, x, u, dt))
 
 
 def follow(step, plant, dt, steps, u=(0.0, 0.0), start=START):
@@ -30,7 +36,7 @@ def follow(step, plant, dt, steps, u=(0.0, 0.0), start=START):
 def test_halving_the_step_quarters_the_error():
     # Both joints keep their direction for 40 ms, so that friction is smooth: second order.
     exact = follow(rk4_step, C1, 2.5e-5, 1600)[-1]
-    errors = [np.abs(follow(implicit_friction_step, C1, dt, round(0.04 / dt))[-1] - exact) for dt in (2e-3, 1e-3)]
+    errors = [np.abs(follow(implicit_step, C1, dt, round(0.04 / dt))[-1] - exact) for dt in (2e-3, 1e-3)]
     np.testing.assert_allclose(errors[0] / errors[1], 4.0, atol=0.4)
     assert errors[0].max() < 2e-3
 
@@ -39,9 +45,7 @@ def test_halving_the_step_quarters_the_error():
 def test_halving_the_step_through_stops_of_a_joint():
     # Friction brings both joints to rest many times in 2 s.
     exact = follow(rk4_step, SMALL, 2.5e-5, 80_000)[-1, :2]
-    errors = [
-        np.abs(follow(implicit_friction_step, SMALL, dt, round(2 / dt))[-1, :2] - exact) for dt in (1e-3, 5e-4)
-    ]
+    errors = [np.abs(follow(implicit_step, SMALL, dt, round(2 / dt))[-1, :2] - exact) for dt in (1e-3, 5e-4)]
     assert errors[1].max() < 0.5 * errors[0].max() < 0.02
 
 
@@ -51,20 +55,20 @@ def test_stiff_friction_is_stable():
     least = np.linalg.eigvalsh(mass_matrix(plant, jnp.zeros(4)))[0]
     assert 100 * 0.01 * 0.002 / least > 20
     # Friction holds both joints: arctan(100 dq) lets them creep. RK4 chatters for ever.
-    speeds = [np.abs(follow(step, plant, 0.002, 500)[-1, 2:]).max() for step in (implicit_friction_step, rk4_step)]
+    speeds = [np.abs(follow(step, plant, 0.002, 500)[-1, 2:]).max() for step in (implicit_step, rk4_step)]
     assert speeds[0] < 0.03 < 0.1 < speeds[1]
 
 
 def test_a_torque_below_the_friction_moves_nothing():
     # At 2 mN m of 100 mN m of friction, arctan(100 dq) creeps at 2e-4 rad/s.
     plant = dataclasses.replace(C1, cf1=0.1, cf2=0.1)
-    states = follow(implicit_friction_step, plant, 0.002, 100, (0.002, 0.0), jnp.zeros(4))
+    states = follow(implicit_step, plant, 0.002, 100, (0.002, 0.0), jnp.zeros(4))
     assert 0 < np.abs(states[-1, :2]).max() < 1e-4
 
 
 def test_energy_is_kept_without_friction():
     plant = LEADERBOARD.driven(ROBOTS["acrobot"])
-    states = follow(implicit_friction_step, plant, 0.001, 5000, start=jnp.array([np.pi / 2, 0.3, 0.0, 0.0]))
+    states = follow(implicit_step, plant, 0.001, 5000, start=jnp.array([np.pi / 2, 0.3, 0.0, 0.0]))
     energy = jax.vmap(total_energy, (None, 0))(plant, jnp.array(states))
     # 4 J are exchanged; the drift of a second-order method stays bounded.
     assert np.ptp(energy) < 5e-3
@@ -78,5 +82,5 @@ def test_four_steps_of_newton_are_near_the_root(monkeypatch):
     u, found = random.uniform(-6.0, 6.0, (20_000, 2)), []
     for steps in (4, 40):
         monkeypatch.setattr(implicit_friction, "NEWTON_STEPS", steps)
-        found.append(jax.vmap(lambda x, u: implicit_friction_step(C1, x, u, 0.001))(x, u))
+        found.append(jax.vmap(lambda x, u: implicit_step(C1, x, u, 0.001))(x, u))
     assert np.abs(found[0] - found[1]).max() < 2e-5

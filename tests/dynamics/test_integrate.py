@@ -75,7 +75,8 @@ def test_energy_changes_by_the_work_of_torque_and_friction():
     states = jnp.concatenate([states, last[None]])
     energy = jax.vmap(dynamics.total_energy, (None, 0))(plant, states)
     # Torque is held over a step, so that its work is uᵀ Δq exactly; friction's by the trapezoidal rule.
-    friction = np.asarray(jax.vmap(dynamics.friction_torque, (None, 0))(plant, states) * states[:, 2:])
+    losses = jax.vmap(dynamics.friction_torques, (None, 0))(plant, states)
+    friction = np.column_stack(losses) * np.asarray(states[:, 2:])
     work = jnp.sum(u * jnp.diff(states[:, :2], axis=0))
     loss = np.sum((friction[1:] + friction[:-1]) / 2) * dt
     assert loss > 0.5

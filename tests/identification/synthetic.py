@@ -6,7 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swingup.dynamics.implicit_friction import implicit_friction_step
+from swingup.dynamics.implicit_friction import implicit_step
+from swingup.plant.damped import Friction
+from swingup.plant.equations import lump
 from swingup.plant.plant import load_plant
 
 STEP = 0.001
@@ -40,7 +42,13 @@ def simulate(seconds=6.0, seed=0, torque=(2.0, 1.2), start=(0.0, 0.0, 0.0, 0.0))
 
 @jax.jit
 def _simulated(x0, torques):
-    return jax.lax.scan(lambda x, u: (implicit_friction_step(TRUTH, x, u, STEP), x), x0, torques)[1]
+    return jax.lax.scan(lambda x, u: (step(TRUTH, x, u, STEP), x), x0, torques)[1]
+
+
+def step(plant, x, u, dt):
+    """A step of the integrator with implicit friction."""
+    friction = Friction((plant.b1, plant.b2), (plant.cf1, plant.cf2))
+    return jnp.stack(implicit_step(lump(plant), friction, x, u, dt))
 
 
 def write(path, table, header=HEADER):

@@ -3,11 +3,11 @@
 import jax
 import numpy as np
 import pytest
+from synthetic import step
 
 from refusals import refusal
 from swingup.cli import main, pendulums
 from swingup.controllers.swingups.trajectory_csv import load_reference_csv
-from swingup.dynamics.implicit_friction import implicit_friction_step
 from swingup.identification.excite import excite as search
 from swingup.identification.excite import rollouts
 from swingup.identification.excite.prior import corner_models, draw_models, prior_around
@@ -66,9 +66,9 @@ def test_a_rollout_is_the_integrator_step_by_step(sequence, trial):
     model = vector_of(C1)[None]
     kept = simulate(SETTING, model, alone([sequence]), keep=True)
     with jax.enable_x64(True):
-        step, x = jax.jit(implicit_friction_step), np.zeros(4)
+        advance, x = jax.jit(step), np.zeros(4)
         for u in sequence[:100]:
-            x = np.asarray(step(C1, x, u, PERIOD))
+            x = np.asarray(advance(C1, x, u, PERIOD))
     assert kept.states[0, 0, 100] == pytest.approx(x, abs=1e-9)
     assert kept.torque[0, 0] == pytest.approx(sequence)
     assert np.all(trial.speed[1] > trial.speed[0])

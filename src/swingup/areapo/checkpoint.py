@@ -19,11 +19,7 @@ Tree = TypeVar("Tree")
 
 
 def save_checkpoint(path: str | Path, tree: Any, metadata: Mapping[str, Any]) -> None:
-    """Write every leaf of a pytree, bit for bit, and the metadata (JSON values).
-
-    Raises:
-        SwingupError: the file cannot be written.
-    """
+    """Write every leaf of a pytree, bit for bit, and the metadata (JSON values)."""
     save_arrays(
         path,
         CHECKPOINT_FORMAT,
@@ -34,11 +30,7 @@ def save_checkpoint(path: str | Path, tree: Any, metadata: Mapping[str, Any]) ->
 
 
 def load_checkpoint(path: str | Path, like: Tree) -> tuple[Tree, dict[str, Any]]:
-    """Read a pytree of the structure, shapes and types of ``like`` (arrays or their shapes), and the metadata.
-
-    Raises:
-        SwingupError: the file cannot be read, or it holds another structure.
-    """
+    """Read a pytree of the structure, shapes and types of ``like`` (arrays or their shapes), and the metadata."""
     needed = dict(_named(like))
     # A configuration may need large arrays; any other file stays below the common bound.
     most = max(LARGEST_ARRAYS, sum(map(_size, needed.values())))
@@ -53,11 +45,7 @@ def load_checkpoint(path: str | Path, like: Tree) -> tuple[Tree, dict[str, Any]]
 
 
 def read_metadata(path: str | Path) -> dict[str, Any]:
-    """Read the metadata of a checkpoint alone.
-
-    Raises:
-        SwingupError: the file cannot be read.
-    """
+    """Read the metadata of a checkpoint alone."""
     return load_arrays(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION, lambda name: False)[0]
 
 

@@ -143,9 +143,6 @@ def config_from_dict(values: dict[str, Any], others: Iterable[str] = ()) -> Conf
     Args:
         values: hyperparameters by name; those that are missing have the defaults of Table I.
         others: further names that the caller accepts, as suggestions for misspelt ones.
-
-    Raises:
-        SwingupError: a name is unknown or a value cannot work.
     """
     for name in values:
         check_hyperparameter(name, others)
@@ -153,12 +150,7 @@ def config_from_dict(values: dict[str, Any], others: Iterable[str] = ()) -> Conf
 
 
 def check_hyperparameter(name: Any, others: Iterable[str] = ()) -> str:
-    """The name of a hyperparameter.
-
-    Raises:
-        SwingupError: no hyperparameter has that name; the line has ours for that of another package, or suggests
-            the nearest.
-    """
+    """The name of a hyperparameter; another package's is refused with ours, a misspelt one with the nearest."""
     names = hyperparameters()
     if name in names:
         return name
@@ -167,11 +159,7 @@ def check_hyperparameter(name: Any, others: Iterable[str] = ()) -> str:
 
 
 def check_value(name: str, value: Any) -> None:
-    """Refuse a value that a hyperparameter cannot have, whatever the others are.
-
-    Raises:
-        SwingupError: it is of another kind, or outside the hyperparameter's range.
-    """
+    """Refuse a value that a hyperparameter cannot have, whatever the others are."""
     _check_field(_field(name), value)
 
 
@@ -198,11 +186,7 @@ def is_pair(name: str) -> bool:
 
 
 def parse_value(name: str, text: str) -> Any:
-    """A hyperparameter from text: 3e-4, true or false, 64x64 or 64 64 or 64,64, 0.8 0.6, or a word.
-
-    Raises:
-        SwingupError: the name is unknown, or the text is not a value of the hyperparameter's type.
-    """
+    """A hyperparameter from text: 3e-4, true or false, 64x64 or 64 64 or 64,64, 0.8 0.6, or a word."""
     default = getattr(Config, check_hyperparameter(name))
     try:
         if isinstance(default, bool):

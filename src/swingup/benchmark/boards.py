@@ -100,20 +100,12 @@ BOARDS: dict[str, AbstractBoard] = {
 
 
 def get_board(board: AbstractBoard | str) -> AbstractBoard:
-    """Look a board up by its name; a board is returned as it is.
-
-    Raises:
-        SwingupError: there is no such board.
-    """
+    """Look a board up by its name; a board is returned as it is."""
     return board if isinstance(board, AbstractBoard) else BOARDS[one_of("board", board, BOARDS)]
 
 
 def swing_up_board(board: AbstractBoard | str) -> SwingUpBoard:
-    """Look a board of swing-ups up, for callers that need its criteria.
-
-    Raises:
-        SwingupError: there is no such board, or it has other runs.
-    """
+    """Look a board of swing-ups up, for callers that need its criteria."""
     found = get_board(board)
     if not isinstance(found, SwingUpBoard):
         raise SwingupError(f"the board {found.name} does not score single swing-ups: use performance or hardware")

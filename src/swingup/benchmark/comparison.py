@@ -114,11 +114,7 @@ def bootstrap_interval(statistic: Callable[..., Any], *scores: ArrayLike, resamp
 
 
 def score_table(name: str, scores: ArrayLike, most: int = 3) -> np.ndarray:
-    """Scores of the shape (..., runs, tasks), of at most so many axes.
-
-    Raises:
-        SwingupError: the scores have another shape, or one of them is not a number.
-    """
+    """Scores of the shape (..., runs, tasks), of at most so many axes."""
     wanted = f"{name} = {quoted(scores)}: use one row for each run, with a number for each task"
     try:
         table = np.asarray(scores, float)

@@ -61,11 +61,7 @@ class DisturbanceSettings:
 
 
 def floored_delay_steps(delay: float, dt: float) -> int:
-    """A delay (s) in steps of dt (s), rounded down in floating point as in the public benchmark.
-
-    Raises:
-        SwingupError: it is longer than what is remembered.
-    """
+    """A delay (s) in steps of dt (s), rounded down in floating point as in the public benchmark."""
     steps = int(delay / dt)
     if steps > LONGEST_DELAY:
         raise SwingupError(f"delay = {delay:g} s is above {LONGEST_DELAY * dt:g} s: make it shorter")
@@ -73,11 +69,7 @@ def floored_delay_steps(delay: float, dt: float) -> int:
 
 
 def draw_pushes(random: np.random.Generator, rules: PushRules, duration: float) -> Pushes:
-    """A random profile: peaks shuffled over both joints, at least ``apart`` from each other and both ends.
-
-    Raises:
-        SwingupError: there are none, or more than fit into the run.
-    """
+    """A random profile: peaks shuffled over both joints, at least ``apart`` from each other and both ends."""
     number = 2 * rules.pushes
     if number < 1 or duration < (number + 1) * rules.apart:
         raise SwingupError(f"{rules.pushes} pushes a joint {rules.apart:g} s apart do not fit into {duration:g} s")

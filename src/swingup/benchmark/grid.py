@@ -29,9 +29,6 @@ def make_cases(
 
     The grid is around the plant. The seed is that of the noise and the pushes; the other criteria do not depend on
     it.
-
-    Raises:
-        SwingupError: there is no such plant, a value makes no pendulum, or is not a disturbance.
     """
     nominal = load_plant(plant).driven(robot)
     # Room for pushes in every case: scenarios of one structure can be stacked.
@@ -115,9 +112,6 @@ def change_grid(rules: "RobustnessBoard", text: str) -> "RobustnessBoard":
         rules: the rules to change.
         text: ``NAME=LOW:HIGH:COUNT`` or ``NAME=LOW:HIGH:COUNT:REPETITIONS`` for a criterion or a parameter of the
             model, or ``perturbations=PROFILES``.
-
-    Raises:
-        SwingupError: the text is malformed, or there is no such sweep.
     """
     name, _, values = text.partition("=")
     changed: dict[str, Any]

@@ -130,11 +130,7 @@ def make_setting(
     domain: Domain | str | None = None,
     disturbance: DisturbanceSettings | None = None,
 ) -> Setting:
-    """What a controller is judged on; arguments as of :func:`judge`.
-
-    Raises:
-        SwingupError: there is no such robot, plant or domain, or the board does not take one of them.
-    """
+    """What a controller is judged on; arguments as of :func:`judge`."""
     robot = get_robot(robot)
     if disturbance is not None and (board.domain is not None or not isinstance(board, SwingUpBoard)):
         raise SwingupError(f"the board {board.name} has disturbances of its own: leave yours out")

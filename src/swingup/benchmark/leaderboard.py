@@ -133,9 +133,6 @@ def entrants_for(
     """Built-in controllers and others, by name.
 
     With ``alone`` a policy that ships with an estimator enters a second time without it.
-
-    Raises:
-        SwingupError: another controller has a name of ours.
     """
     # Before controllers are made, which takes seconds.
     taken = sorted({*others} & {*names, *(f"{name}{ALONE}" for name in names)})

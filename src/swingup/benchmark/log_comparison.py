@@ -103,9 +103,6 @@ def compare(
         robot: which joint the controller drives; None for the joint with the log's torque.
         seed: of all that is drawn in these runs.
         columns: words that map the log's columns.
-
-    Raises:
-        SwingupError: the log cannot be used, or there is no such controller.
     """
     if not 0 < len(plants) <= MOST_PLANTS:
         raise SwingupError(f"{len(plants)} plants: give one to {MOST_PLANTS}")

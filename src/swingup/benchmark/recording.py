@@ -32,12 +32,7 @@ class Rows(NamedTuple):
 
 
 def checked_rows(trajectory: Trajectory | Rows, name: str = "the trajectory") -> Rows:
-    """A trajectory in float64.
-
-    Raises:
-        SwingupError: it has fewer than 3 rows, rows of other shapes, values that are not finite, or times that do
-            not increase.
-    """
+    """A trajectory in float64, refused unless its rows are finite, three or more, and in the order of time."""
     time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
     rows = time.size
     if rows < LEAST or time.shape != (rows,) or x.shape != (rows, 4) or u.shape != (rows, 2):
@@ -52,11 +47,7 @@ def checked_rows(trajectory: Trajectory | Rows, name: str = "the trajectory") ->
 
 
 def scorable_rows(trajectory: Trajectory) -> Rows:
-    """A trajectory in float64, whose times are those of a run in seconds.
-
-    Raises:
-        SwingupError: as :func:`checked_rows`, or its times are hardly apart or start far from 0.
-    """
+    """A trajectory in float64, whose times are those of a run in seconds."""
     rows = checked_rows(trajectory)
     usual = float(np.median(np.diff(rows.time)))
     if usual < SHORTEST:
@@ -96,9 +87,6 @@ def driven_robot(name: str | Path, u: ArrayLike) -> Robot:
     Args:
         name: of the recording, in messages.
         u: its torques (N m), shape (rows, 2).
-
-    Raises:
-        SwingupError: there is no torque, or both joints have much.
     """
     size = np.abs(u).max(axis=0)
     joint = int(size.argmax())

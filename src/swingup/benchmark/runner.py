@@ -69,9 +69,6 @@ def prepare(source: Any, robot: Robot, name: str, plant: Plant | None = None) ->
     """Turn a controller of any kind into one that can be run on a robot.
 
     The name is for messages. A policy that was made for a plant that differs much is said to be so.
-
-    Raises:
-        SwingupError: it is not a controller, is for another robot, or cannot be compiled; the message names it.
     """
     with naming(name):
         controller = (
@@ -100,11 +97,7 @@ def _warn_once(message: str) -> None:
 
 
 def run_one(controller: Controller, scenario: Scenario, dt: float, steps: int, depth: int = 1) -> Trajectory:
-    """Simulate one scenario from hanging at rest and return its rows as NumPy arrays.
-
-    Raises:
-        SwingupError: the controller failed, or its torque is not two finite numbers.
-    """
+    """Simulate one scenario from hanging at rest and return its rows as NumPy arrays."""
     batch = run_many(controller, stack([scenario]), dt, steps, depth, keep=True)
     if batch.faults[0] is not None:
         raise SwingupError(batch.faults[0])

@@ -10,6 +10,7 @@ from ..plant.plant import LEADERBOARD, PlantLike, load_plant
 from ..plant.robots import Robot, get_robot
 from .board import AbstractBoard, Case, Setting
 from .boards import BOARDS, get_board
+from .judge import summed_up
 from .plausibility import examine
 from .recording import scorable_rows
 from .result import Result
@@ -54,21 +55,11 @@ def score(
     rows, setting = scorable_rows(trajectory), Setting(robot, found)
     run = board.on(setting).score(Case(Scenario(setting.nominal)), Trajectory(*rows))
     # The criteria of one run, also where the board itself shows those of many.
-    values = replace(board, domain=None).summarise((run,), ())[0]
+    result = summed_up(name, replace(board, domain=None, note=None), setting, (run,), ())
     findings = examine(trajectory, robot, board, found)
     # Nobody invents a score of 0.
-    refusals = [each for each in findings if each.refuses and values["score"]]
+    refusals = [each for each in findings if each.refuses and result.values["score"]]
     if refusals and not force:
         raise SwingupError(f"{name}: {refusals[0].text}; --force scores it all the same")
-    return Result(
-        robot=robot.name,
-        controller=name,
-        board=board.name,
-        values=values,
-        intervals={},
-        runs=(run,),
-        trajectory=trajectory,
-        plant=found,
-        rate=float(1 / np.median(np.diff(rows.time))),
-        warnings=tuple(f"{each.name}: {each.text}" for each in findings),
-    )
+    warnings = tuple(f"{each.name}: {each.text}" for each in findings)
+    return replace(result, trajectory=trajectory, rate=float(1 / np.median(np.diff(rows.time))), warnings=warnings)

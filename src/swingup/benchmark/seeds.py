@@ -9,10 +9,6 @@ MOST_SEEDS = 9999
 
 
 def check_seeds(seed: int, seeds: int) -> range:
-    """The seeds in a row that start with ``seed``.
-
-    Raises:
-        SwingupError: the first is negative or too large, or their number is out of range.
-    """
+    """The seeds in a row that start with ``seed``."""
     first = whole_number("seed", seed, 0, LARGEST_SEED)
     return range(first, first + whole_number("seeds", seeds, 1, MOST_SEEDS))

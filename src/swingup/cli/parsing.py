@@ -169,12 +169,7 @@ def _missing(function: Command, words: Sequence[str]) -> str:
 
 
 def _check_options(program: str, command: Command, words: Sequence[str]) -> None:
-    """Refuse options that tyro would refuse in a box of many lines, or take twice.
-
-    Raises:
-        SwingupError: a command does not have an option, whose line has ours for the name of another package or
-            suggests the nearest; or an option lacks its value, or is given twice.
-    """
+    """Refuse options that tyro would refuse in a box of many lines, or take twice."""
     known, typed = _options(command), []
     for word, following in zip(words, [*words, "--"][1:], strict=True):
         if not word.startswith("--"):

@@ -89,10 +89,6 @@ def load_arrays(
 
     The metadata must name the kind as ``format`` and give the version as ``format_version``. Arrays of unknown
     names are left alone; the others may have ``most`` bytes, all together.
-
-    Raises:
-        SwingupError: there is no such file, it is truncated, altered or foreign, of another kind or version, or its
-            arrays are larger than that.
     """
     try:
         with Path(path).open("rb") as stream:

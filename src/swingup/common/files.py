@@ -111,11 +111,7 @@ def _umask() -> int:
 
 
 def check_suffix(path: str | Path, known: Sequence[str]) -> str:
-    """The suffix of an output file, in lower case.
-
-    Raises:
-        SwingupError: it is not among the known ones.
-    """
+    """The suffix of an output file, in lower case."""
     suffix = Path(path).suffix.lower()
     if suffix not in known:
         raise SwingupError(f"cannot write {path}: its name must end in {' or '.join(known)}")

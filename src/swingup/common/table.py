@@ -69,11 +69,6 @@ def read_table(
         optional: read as well if all of these are there.
         columns: words that map columns (``columns.parse_columns``), for a file that has others, or no header.
         gaps: whether cells may be missing, and times may be in any order.
-
-    Raises:
-        SwingupError: the file cannot be read, lacks its header or a column, has a column twice or in an unknown
-            unit, fewer than three complete rows, a cell that is not a finite number, a row wider than the header,
-            or a time that does not increase; or ``columns`` names a column that the file lacks.
     """
     cells = read_cells(path)
     if cells.headless and not (columns and cells.rows):

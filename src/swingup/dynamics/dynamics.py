@@ -32,16 +32,17 @@ def gravity_torque(plant: Plant, x: State) -> Torque:
     return jnp.array(equations.gravity(lump(plant), sin1, sin12))
 
 
-def friction_torque(plant: Plant, x: State) -> Torque:
-    """F(q̇) (N m), viscous and Coulomb friction."""
-    return jnp.array(_losses(plant, x))
+def friction_torques(plant: Plant, x: State) -> tuple[Scalar, Scalar]:
+    """F(q̇) (N m) of shoulder and elbow, viscous and Coulomb friction."""
+    p, (_, _, dq1, dq2) = plant, x
+    return equations.friction(p.b1, p.cf1, dq1, arctan), equations.friction(p.b2, p.cf2, dq2, arctan)
 
 
 def acceleration(plant: Plant, x: State, u: Torque) -> Float[Array, "2"]:
     """q̈ (rad/s²) under the joint torques u (N m)."""
     q1, q2, dq1, dq2 = x
     sin2, cos2 = sine_cosine(q2)
-    sines, losses = (sine_cosine(q1)[0], sin2, sine_cosine(q1 + q2)[0]), _losses(plant, x)
+    sines, losses = (sine_cosine(q1)[0], sin2, sine_cosine(q1 + q2)[0]), friction_torques(plant, x)
     # A vector: for two scalars XLA computes all sines twice, which doubles the time in double precision.
     found: Float[Array, 2] = equations.acceleration(
         lump(plant), sines, cos2, (dq1, dq2), u, losses, stack=jnp.array
@@ -81,8 +82,3 @@ def tip_height(plant: Plant, x: State) -> Scalar:
 def linearise(plant: Plant, x: State, u: Torque) -> tuple[Float[Array, "4 4"], Float[Array, "4 2"]]:
     """A = ∂ẋ/∂x and B = ∂ẋ/∂u of the continuous-time dynamics at (x, u)."""
     return jax.jacfwd(derivative, argnums=(1, 2))(plant, x, u)
-
-
-def _losses(plant: Plant, x: State) -> tuple[Scalar, Scalar]:
-    p, (_, _, dq1, dq2) = plant, x
-    return equations.friction(p.b1, p.cf1, dq1, arctan), equations.friction(p.b2, p.cf2, dq2, arctan)

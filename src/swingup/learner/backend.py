@@ -108,11 +108,7 @@ def join_seeds(members: Sequence[LearnerState]) -> LearnerState:
 
 
 def batched(observation: Any, shape: tuple[int, ...]) -> tuple[Float[np.ndarray, "b n"], bool]:
-    """One observation of a shape, or several along a leading axis, as a batch of vectors; true if it was one.
-
-    Raises:
-        SwingupError: the observation has another shape.
-    """
+    """One observation of a shape, or several along a leading axis, as a batch of vectors; true if it was one."""
     try:
         values = np.asarray(observation, np.float32)
     except (TypeError, ValueError) as error:

@@ -74,11 +74,7 @@ class CheckedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
-        """Check an environment from now on.
-
-        Raises:
-            SwingupError: a wrapper of it normalises by statistics of its own.
-        """
+        """Check an environment from now on."""
         _refuse_normalisers(env)
         super().__init__(env)
 

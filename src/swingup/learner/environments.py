@@ -67,9 +67,6 @@ class Environments:
         """Wrap a vector environment.
 
         What is lent is closed by its owner.
-
-        Raises:
-            SwingupError: its spaces or its autoreset mode are not supported.
         """
         name = type(env).__name__ if name is None else name
         space, actions = (attribute(env, f"single_{each}_space") for each in ("observation", "action"))
@@ -125,22 +122,13 @@ class Environments:
         return self._mode is not AutoresetMode.NEXT_STEP
 
     def reset(self, seed: int) -> Float32[np.ndarray, "envs n"]:
-        """Start new episodes in all environments, from a seed that fixes all later draws.
-
-        Raises:
-            SwingupError: an environment failed, or an observation is not finite or of another shape.
-        """
+        """Start new episodes in all environments, from a seed that fixes all later draws."""
         self._starts = self._begin(seed=seed)
         self._resetting = np.zeros(self.num_envs, np.bool_)
         return self._starts.copy()
 
     def step(self, actions: Shaped[np.ndarray, "envs m"]) -> HostStep:
-        """Take the policy's actions in all environments.
-
-        Raises:
-            SwingupError: an environment failed, or returned a value that is not finite or of another length, shape
-                or kind.
-        """
+        """Take the policy's actions in all environments."""
         counted, each = ~self._resetting, (self.num_envs,)
         returned = self._call("step", STEP, self.actions(actions))
         observations = self._observations(returned["observations"])
@@ -227,11 +215,7 @@ class Environments:
 
 
 def make_environments(env: Any, num_envs: int) -> Environments:
-    """Environments from an id, from one that was made or a function that makes it, or from a vector environment.
-
-    Raises:
-        SwingupError: it is none of these, cannot be made, or its spaces are not supported.
-    """
+    """Environments from an id, from one that was made or a function that makes it, or from a vector environment."""
     own, name = own_number(env), one_line(env, 200)
     if own not in (None, num_envs):
         raise SwingupError(

@@ -70,11 +70,7 @@ class SwingUpEvaluator(AbstractEvaluator):
         self._plant = dataclasses.replace(task.parameters, name="the task's" if own else plant.name)
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
-        """The criteria of the one deterministic episode.
-
-        Raises:
-            SwingupError: another number of episodes is given.
-        """
+        """The criteria of the one deterministic episode."""
         if episodes not in (None, 1):
             raise SwingupError(f"episodes = {episodes}, but a robot is scored by one episode: leave it out")
         return dataclasses.asdict(judge(self._controller(policy), self._robot, plant=self._plant).criteria)
@@ -115,11 +111,7 @@ class ReturnEvaluator(AbstractEvaluator):
 
 
 def check_actions(trained: Mapping[str, Any], found: Mapping[str, Any]) -> None:
-    """Refuse an environment whose bounds would scale a policy's actions in another way than in training.
-
-    Raises:
-        SwingupError: the descriptions differ.
-    """
+    """Refuse an environment whose bounds would scale a policy's actions in another way than in training."""
     if dict(trained) != dict(found):
         mine, its = (", ".join(f"{name} = {value}" for name, value in each.items()) for each in (trained, found))
         raise SwingupError(

@@ -35,9 +35,6 @@ class HostBackend(AbstractBackend):
         """Make the environments.
 
         With 0 episodes of an evaluation the episodes of training give the score.
-
-        Raises:
-            SwingupError: there is no such environment, its spaces are not supported, or memory is short.
         """
         passed_in = own_number(env) is not None
         if passed_in and len(seeds) > 1:

@@ -40,11 +40,7 @@ class EpisodeEvaluator(AbstractEvaluator):
         self._made: dict[int, Environments] = {}
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
-        """Means over the episodes.
-
-        Raises:
-            SwingupError: an environment cannot be made or fails, or training needs the only one.
-        """
+        """Means over the episodes."""
         count = self._episodes if episodes is None else episodes
         if own_number(self._env) is not None:
             raise SwingupError("the environment that was passed in trains: pass evaluate another as env")
@@ -75,9 +71,6 @@ def play_once(
 
     Without a number of episodes it is one in each environment that was passed in, or else ``EPISODES``. ``trained``
     describes the actions of training.
-
-    Raises:
-        SwingupError: the environments cannot be made, or the policy is for other spaces.
     """
     task = as_task(env)
     if isinstance(task, AbstractTask):

@@ -19,11 +19,7 @@ GIB = 2**30
 
 
 def check_memory(config: Config, spaces: Spaces, seeds: int = 1) -> None:
-    """Refuse sizes for which this machine has no memory.
-
-    Raises:
-        SwingupError: the estimate exceeds the memory of the machine or of its accelerators.
-    """
+    """Refuse sizes for which this machine has no memory."""
     available = available_bytes()
     weights, rollouts = (seeds * each for each in training_bytes(config, spaces))
     if available is not None and weights + rollouts > available:

@@ -35,11 +35,7 @@ def provenance(
 
 
 def best_on_disk(folder: Path, settings: RunSettings, measure: str) -> list[Rank]:
-    """Rank of each seed's best policy file, which may be newer than the checkpoint.
-
-    Raises:
-        SwingupError: a file is damaged or is not a policy of this run. It must not be overwritten.
-    """
+    """Rank of each seed's best policy file, which may be newer than the checkpoint; a foreign one is refused."""
     if settings.seeds > 1:
         # Only to refuse a foreign file: the best of all is one of the seeds' best policies.
         _rank_on_disk(folder / BEST, settings, measure)
@@ -50,11 +46,7 @@ def best_on_disk(folder: Path, settings: RunSettings, measure: str) -> list[Rank
 
 
 def result_on_disk(path: Path, measure: str) -> dict[str, Any]:
-    """The result of the evaluation under which a policy file was written.
-
-    Raises:
-        SwingupError: the file cannot be read, or holds no result of this measure.
-    """
+    """The result of the evaluation under which a policy file was written."""
     try:
         return dict(read_network(path)[1]["scores"][measure])
     except (KeyError, TypeError, ValueError) as error:

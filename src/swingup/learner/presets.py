@@ -100,11 +100,7 @@ ENV_PRESET = "mujoco"
 
 
 def get_preset(name: str) -> Preset:
-    """Look a preset up by its name.
-
-    Raises:
-        SwingupError: there is no such preset.
-    """
+    """Look a preset up by its name."""
     return PRESETS[one_of("preset", name, PRESETS)]
 
 
@@ -114,12 +110,7 @@ def is_pendulum(env: Any) -> bool:
 
 
 def choose_preset(named: str | None, env: Any) -> str:
-    """The named preset, or else the default of the task; no other code decides this.
-
-    Raises:
-        SwingupError: there is no such preset; or none was named for a pendulum task that was passed in, since
-            several presets may fit its variant.
-    """
+    """The named preset, or else the default of the task; no other code decides this."""
     if named is not None:
         return one_of("preset", named, PRESETS)
     if isinstance(env, AbstractPendulumTask):

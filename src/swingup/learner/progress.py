@@ -78,9 +78,6 @@ def read_progress(
     """The progress that a checkpoint holds.
 
     Errors name its source.
-
-    Raises:
-        SwingupError: the metadata is malformed, or of other settings.
     """
     try:
         saved = run_settings_from_dict(metadata["settings"])

@@ -35,11 +35,7 @@ class RunFolder:
         return str(self.path)
 
     def check_new(self) -> None:
-        """Refuse a folder that holds something.
-
-        Raises:
-            SwingupError: it does, or it cannot be listed.
-        """
+        """Refuse a folder that holds something."""
         try:
             if any(self._content()):
                 raise SwingupError(
@@ -55,11 +51,7 @@ class RunFolder:
             shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
 
     def create(self) -> None:
-        """Make the folder.
-
-        Raises:
-            SwingupError: it cannot be made.
-        """
+        """Make the folder."""
         make_folder(self.checkpoints)
 
     @property
@@ -68,11 +60,7 @@ class RunFolder:
         return self.path / "checkpoints"
 
     def save_checkpoint(self, frames: int, state: Any, metadata: Mapping[str, Any]) -> None:
-        """Write a checkpoint, then delete the oldest: a write that fails loses nothing.
-
-        Raises:
-            SwingupError: the file cannot be written.
-        """
+        """Write a checkpoint, then delete the oldest: a write that fails loses nothing."""
         save_checkpoint(self.checkpoints / f"{frames:012d}.safetensors", state, metadata)
         for old in self._checkpoints()[:-CHECKPOINTS_KEPT]:
             old.unlink(missing_ok=True)
@@ -86,11 +74,7 @@ class RunFolder:
         return max((int(path.stem) for path in self._checkpoints()), default=default)
 
     def load_checkpoint(self, like: Any) -> tuple[Any, dict[str, Any]]:
-        """Read the newest checkpoint.
-
-        Raises:
-            SwingupError: there is none, it cannot be read, or it is of another configuration.
-        """
+        """Read the newest checkpoint."""
         paths = self._checkpoints()
         if not paths:
             raise SwingupError(f"{self.path} has no checkpoint: delete it and train again")
@@ -106,9 +90,6 @@ class RunFolder:
 
         Args:
             frames: the frames of the checkpoint that this process read.
-
-        Raises:
-            SwingupError: another process trains here, or has trained here since this one read the checkpoint.
         """
         with self.exclusive():
             # Between the reading and the lock another process may have trained here.
@@ -127,9 +108,6 @@ class RunFolder:
 
         Args:
             patience: how long to wait for a process that holds it (s).
-
-        Raises:
-            SwingupError: another process holds it, or the folder cannot be written.
         """
         try:
             import fcntl

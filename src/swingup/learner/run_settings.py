@@ -168,9 +168,6 @@ def make_run_settings(
     """The settings of a run, with the defaults of its preset and its task for what is None or left out.
 
     ``plant`` may be a name or a file.
-
-    Raises:
-        SwingupError: a setting is unknown or cannot work.
     """
     robot = env if isinstance(env, str) and env in ROBOTS else None
     chosen = choose_preset(preset, env)
@@ -186,11 +183,7 @@ def make_run_settings(
 
 
 def run_settings_from_dict(content: Any) -> RunSettings:
-    """The inverse of ``as_dict``; settings that an older version did not have get their defaults.
-
-    Raises:
-        SwingupError: the content is malformed or cannot work.
-    """
+    """The inverse of ``as_dict``; settings that an older version did not have get their defaults."""
     try:
         given, config = content.get("plant"), config_from_dict(content["config"])
         plant = LEADERBOARD if given is None else make_plant(given, "its plant", str(given["name"]))
@@ -200,20 +193,12 @@ def run_settings_from_dict(content: Any) -> RunSettings:
 
 
 def write_run_settings(folder: Path, settings: RunSettings, frames: int) -> None:
-    """Write the settings and the number of frames of a run to its config.json.
-
-    Raises:
-        SwingupError: the file cannot be written.
-    """
+    """Write the settings and the number of frames of a run to its config.json."""
     write_json(folder / SETTINGS_FILE, {"version": __version__, "frames": frames, **settings.as_dict()})
 
 
 def read_run_settings(folder: Path) -> tuple[RunSettings, int]:
-    """Read a run's settings and its number of frames from its config.json.
-
-    Raises:
-        SwingupError: the file is missing or malformed.
-    """
+    """Read a run's settings and its number of frames from its config.json."""
     path = folder / SETTINGS_FILE
     try:
         content = json.loads(path.read_text(encoding="utf-8"))

@@ -87,9 +87,6 @@ def restore_run(
         load: reads the snapshot, given the state's shapes and types.
         source: the name of the snapshot in an error.
         env: the environment or the task, where the settings only name it.
-
-    Raises:
-        SwingupError: the snapshot cannot be read or is of another configuration.
     """
     backend, progress = _restored(settings, load, source, env)
     return Run(settings, backend, progress, max(1, progress.iterations * settings.config.rollout_size), None)
@@ -111,9 +108,6 @@ def make_backend(settings: RunSettings, env: Any = None) -> AbstractBackend:
         settings: what to train on, by name.
         env: the environment or the task itself, if it cannot be made from a name; with a robot, another variant
             of its task than the preset's.
-
-    Raises:
-        SwingupError: the task cannot be made or must be passed in again, or memory is short.
     """
     config, seed, seeds = settings.config, settings.seed, settings.seeds
     env = as_task(env)

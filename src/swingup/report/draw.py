@@ -47,11 +47,7 @@ LOOKS: dict[str, dict[str, Any]] = {
 
 
 def draw(figures: Figure | Mapping[str, Figure], title: str = "") -> "Drawing":
-    """Draw a figure, or several below each other.
-
-    Raises:
-        SwingupError: nothing is described, or matplotlib is not installed.
-    """
+    """Draw a figure, or several below each other."""
     given = {"": figures} if isinstance(figures, Figure) else figures
     if not any(figure.panels for figure in given.values()):
         raise SwingupError("nothing to draw: no panel has data")
@@ -160,11 +156,7 @@ def _draw_bars(axes: "Axes", curve: Curve, colour: str) -> "Artist":
 
 
 def styled() -> AbstractContextManager[None]:
-    """A context in which figures have this style.
-
-    Raises:
-        SwingupError: matplotlib is not installed.
-    """
+    """A context in which figures have this style."""
     try:
         from matplotlib import style
     except ImportError as error:

@@ -32,9 +32,6 @@ def trajectory_figure(
     Angles are unwrapped from a start within half a turn of hanging. Green marks the goal nearest to the end, and
     the time from which the tip stays up. Names become titles. The passive joint's torque is drawn in grey unless it
     is zero.
-
-    Raises:
-        SwingupError: there is no trajectory, or one is malformed.
     """
     require_some(trajectories, "trajectory")
     robot, found = get_robot(robot), load_plant(plant)
@@ -93,9 +90,6 @@ def phase_figure(
 
     Angles are unwrapped from a start within half a turn of hanging; the goals are those nearest to the ends. With
     colours of both joints the lines after the first are thin; without them each trajectory has one.
-
-    Raises:
-        SwingupError: there is no trajectory, or one is malformed.
     """
     require_some(trajectories, "trajectory")
     robot, panels = get_robot(robot), []
@@ -136,9 +130,6 @@ def robustness_figure(results: Mapping[str, Mapping[str, Any]], pale: Sequence[s
         results: outputs of ``Result.as_dict``, by name. The legend also shows overall scores of results with
             intervals, and 95 % intervals become error bars.
         pale: names of those that stand back.
-
-    Raises:
-        SwingupError: there is no result, or one has another form.
     """
     require_some(results, "robustness score")
     for name, result in results.items():
@@ -175,9 +166,6 @@ def curves_figure(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
 
     Args:
         runs: rows of ``metrics.jsonl``, by name, as in the legend.
-
-    Raises:
-        SwingupError: there is no run, or one has no rows or a value that is not a number.
     """
     require_some(runs, "run")
     for name, rows in runs.items():

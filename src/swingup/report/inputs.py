@@ -36,11 +36,7 @@ def require_some(given: Mapping[str, Any], what: str) -> None:
 
 
 def read_robustness(path: str | Path) -> Any:
-    """Read the JSON object of one robustness score.
-
-    Raises:
-        SwingupError: the file cannot be read, or is not JSON.
-    """
+    """Read the JSON object of one robustness score."""
     try:
         return json.loads(read_bytes(path, LARGEST_RESULT))
     except OSError as error:

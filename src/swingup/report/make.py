@@ -90,9 +90,6 @@ def make_section(
         plant: what the page shows, and the baselines are designed for: a plant, its name or its file.
         boards: the boards of the tables.
         recompute: also compute the rows that the package ships because they take minutes.
-
-    Raises:
-        SwingupError: there is no such robot or plant. A controller that fails gets a note.
     """
     robot, found = get_robot(robot), load_plant(plant)
     shown = entrants_for(robot, controllers or {}, entrants, plant=found)

@@ -44,12 +44,7 @@ MOST_SERIES = 8
 
 
 def render_page(sections: Sequence[Section], title: str = "Swinging up double pendulums") -> str:
-    """Render a page that shows one or both robots, as the text of one HTML file.
-
-    Raises:
-        SwingupError: Jinja is not installed, no section or two for one robot are given, a trajectory's arrays do
-            not fit together, or the page's scripts cannot run a policy.
-    """
+    """Render a page that shows one or both robots, as the text of one HTML file."""
     names = [section.robot for section in sections]
     if not names or len(set(names)) < len(names):
         raise SwingupError(f"a report of {', '.join(names) or 'no robot'}: give one section for each robot")
@@ -66,11 +61,7 @@ def render_log_page(report: LogReport) -> str:
 
 
 def save_log_report(report: LogReport, out: str | Path) -> None:
-    """Write a report about logs as a page, or its figures as a picture, by the file's suffix; whole or not at all.
-
-    Raises:
-        SwingupError: an unknown suffix, nothing to draw, a missing library, or a file that cannot be written.
-    """
+    """Write a report about logs whole or not at all: a page, or its figures as a picture, by the suffix."""
     suffix = check_suffix(out, PAGE_FORMATS)
     if suffix == ".html":
         content = render_log_page(report).encode()
@@ -103,11 +94,7 @@ def _render(arrays: Mapping[str, int], shown: dict[str, Any], **texts: Any) -> s
 
 
 def page_template() -> Any:
-    """The page's template.
-
-    Raises:
-        SwingupError: Jinja is not installed.
-    """
+    """The page's template."""
     try:
         from jinja2 import Environment, StrictUndefined
     except ImportError as error:

@@ -56,9 +56,6 @@ def plan_jobs(
 
     The grid has alternatives by the name of a hyperparameter, or ``preset``. Without a number of frames a run has
     the preset's, of several presets the longest.
-
-    Raises:
-        SwingupError: a setting is unknown or cannot work, there are too many runs, or two are the same.
     """
     count = math.prod(map(len, grid.values())) * len(seeds)
     if count > MOST_RUNS:
@@ -76,11 +73,7 @@ def plan_jobs(
 def plan_variant(
     base: RunSettings, chosen: Mapping[str, Any], seeds: Sequence[int], folder: Path, frames: int
 ) -> list[Job]:
-    """The jobs of one choice of settings: one for each seed, in folders of their own below ``folder``.
-
-    Raises:
-        SwingupError: the settings cannot work, for themselves or together.
-    """
+    """The jobs of one choice of settings: one for each seed, in folders of their own below ``folder``."""
     changes = dict(chosen)
     preset = changes.pop("preset", base.preset)
     config = base.config if preset == base.preset else get_preset(preset).config
@@ -101,11 +94,7 @@ def describe(chosen: Mapping[str, Any], separator: str = " ") -> str:
 
 
 def parse_alternatives(name: str, text: str) -> list[Any]:
-    """The alternatives of a hyperparameter, or of ``preset``, that commas separate.
-
-    Raises:
-        SwingupError: the name is unknown, or a value cannot work.
-    """
+    """The alternatives of a hyperparameter, or of ``preset``, that commas separate."""
     if name == "preset":
         return [one_of("preset", part, PRESETS) for part in text.split(",")]
     check_hyperparameter(name, ["preset"])

@@ -25,9 +25,6 @@ def workers_for(scheduler: str | None = None, count: int | None = None) -> Itera
         scheduler: address of a running Dask scheduler, such as ``tcp://10.0.0.1:8786``; None for local processes.
         count: local processes, by default one for every two cores, since a run uses about two; with a scheduler,
             the trials of a search that run side by side, by default one for each of the workers' threads.
-
-    Raises:
-        SwingupError: Dask is not installed, its scheduler does not answer, or ``count`` is out of range.
     """
     if count is not None:
         whole_number("workers", count, 1, MOST_WORKERS)

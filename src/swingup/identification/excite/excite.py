@@ -127,9 +127,6 @@ def excite(
         angle: largest angle of a joint from hanging (rad).
         seed: seed of the prior's draws; equal seeds give equal excitations.
         alone: whether the torques will be played without feedback; plants that differ then move apart.
-
-    Raises:
-        SwingupError: an argument makes no sense, or no motion keeps the limits.
     """
     limits, plant = _limits(domain, joint, torque, speed, angle), domain.nominal_plant
     length = INTERVAL * round(finite_number("duration", duration, *DURATIONS, "s") / INTERVAL)

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...dynamics.implicit_friction import advance
+from ...dynamics.implicit_friction import implicit_step
 from ...plant.base_parameters import friction_of, lumped
 from ..fit.prediction import INDEX, Integration, in_chunks
 from .waves import PERIOD
@@ -85,7 +85,7 @@ def _compiled(setting: Integration, keep: bool) -> Callable[..., Any]:
             u = jnp.clip(u, -limits, limits)
             acting = u * gains
             for _ in range(substeps):
-                x = advance(plant, friction, x, (acting[0], acting[1]), setting.step, setting.steepness)
+                x = implicit_step(plant, friction, x, (acting[0], acting[1]), setting.step, setting.steepness)
             angle = jnp.maximum(angle, jnp.maximum(jnp.abs(x[0]), jnp.abs(x[1])))
             speed = jnp.maximum(speed, jnp.maximum(jnp.abs(x[2]), jnp.abs(x[3])))
             return (x, angle, speed), (before, u) if keep else ()

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...common.cores import cores
-from ...dynamics.implicit_friction import advance
+from ...dynamics.implicit_friction import implicit_step
 from ...plant.base_parameters import BASE_NAMES, Geometry, base_parameters, friction_of, geometry_of, lumped
 from ...plant.equations import COULOMB_STEEPNESS
 from ...plant.plant import Plant
@@ -143,7 +143,7 @@ def predict_window(setting: Integration, outputs: int, model: Array, start: Arra
     x = (start[0] - m["offset1"], start[1] - m["offset2"], start[2], start[3])
 
     def step(x: Any, u: Array) -> Any:
-        return advance(plant, friction, x, (u[0], u[1]), setting.step, setting.steepness), None
+        return implicit_step(plant, friction, x, (u[0], u[1]), setting.step, setting.steepness), None
 
     def interval(x: Any, u: Array) -> Any:
         x, _ = jax.lax.scan(step, x, u)

@@ -28,9 +28,6 @@ def read_model(path: str | Path, inertia: str | None = None, gear: float | None 
         inertia: whether the inertias that it states are about the "centre" of mass or about the "joint". By default
             they are about the centre; a URDF's that may be about either are refused.
         gear: gear ratio of the motors; by default the file's.
-
-    Raises:
-        SwingupError: the file cannot be read, or does not describe a double pendulum in a vertical plane.
     """
     if inertia is not None:
         one_of("inertia", inertia, READINGS)
