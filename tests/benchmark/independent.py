@@ -43,8 +43,10 @@ def rk4(p, x, u, dt):
 class World:
     """What disturbs a run; the noise is given as numbers, row by row."""
 
-    def __init__(self, steps, response=1.0, delay=0, pushes=(), velocity_noise=None, torque_noise=None):
-        self.response, self.delay, self.pushes = response, delay, pushes
+    def __init__(
+        self, steps, response=1.0, delay=0, pushes=(), velocity_noise=None, torque_noise=None, stop=np.inf
+    ):
+        self.response, self.delay, self.pushes, self.stop = response, delay, pushes, stop
         self.velocity_noise = np.zeros((steps, 2)) if velocity_noise is None else velocity_noise
         self.torque_noise = np.zeros((steps, 2)) if torque_noise is None else torque_noise
 
@@ -53,12 +55,14 @@ def closed_loop(p, driven, control, x, dt, world):
     """Rows [t, x, u]: measure (delay, then noise), control, motor (response, noise, limits), push, integrate.
 
     ``driven`` are the indices of the joints that have a motor, ``control`` maps (x, t) to two torques, ``pushes``
-    are (joint, centre, width, amplitude).
+    are (joint, centre, width, amplitude). Beyond ``stop`` the run ends.
     """
     x = np.array(x, float)
     states, before, rows = [x], np.zeros(2), []
     for k in range(len(world.torque_noise)):
         t = k * dt
+        if np.any(np.abs(x) > world.stop):
+            break
         seen = states[max(0, len(states) - 1 - world.delay)].copy()
         seen[2:] += world.velocity_noise[k]
         wanted = control(seen, t)

@@ -14,14 +14,13 @@ from swingup.benchmark.judge import judge
 from swingup.benchmark.recording import recorded, stopped_at
 from swingup.benchmark.rollout import Record, Trajectory
 from swingup.benchmark.score import score
-from swingup.loop.disturbance import Pushes
 from swingup.loop.domain import make_domain
 from swingup.loop.supervisors.limits import Limits
 from swingup.plant.plant import load_plant
 from swingup.plant.robots import get_robot
 
 from .controllers import Swinging, swinging
-from .independent import rk4
+from .independent import World, closed_loop
 
 IROS = IROS_REAL
 BRIEF = dataclasses.replace(
@@ -50,38 +49,31 @@ def test_the_ten_sets_of_pushes(name, least, most):
     np.testing.assert_array_equal(sets[3].amplitude, sets[13].amplitude)
 
 
-def independent_trial(control, pushes, limits, steps):
-    """The robot's loop: the controller, the limits of its motors, the pushes on both joints, the plant."""
-    p, x, rows = load_plant("C.1").values(), np.zeros(4), []
-    for k in range(steps):
-        t = 0.002 * k
-        u = np.clip(control(x, t), -limits, limits)
-        rows.append([t, *x, *u])
-        for joint in range(2):
-            for centre, width, peak in zip(
-                pushes.centre[joint], pushes.width[joint], pushes.amplitude[joint], strict=True
-            ):
-                u[joint] += peak * math.exp(-((t - centre) ** 2) / (2 * width**2))
-        x = rk4(p, x, u, 0.002)
-    return np.array(rows)
-
-
 def test_a_trial_agrees_with_a_numpy_loop(robot):
     # The controller pumps beyond the robot's limits within 0.3 s.
     rules = dataclasses.replace(BRIEF, limits=Limits(angle=1e3, speed=1e3))
     found = judge(Swinging(), robot, rules, 1, seed=4, domain=FRICTION)
-    limits = np.where(np.array(robot.actuation) > 0, 6.0, 0.5)
-    rows = independent_trial(swinging, BRIEF.trial_pushes(robot, 4), limits, 1000)
-    np.testing.assert_allclose(found.trajectory.x, rows[:, 1:5], rtol=1e-7, atol=1e-7)
+    limits, drawn = np.where(np.array(robot.actuation) > 0, 6.0, 0.5), BRIEF.trial_pushes(robot, 4)
+    plant = load_plant("C.1").values() | {"tl1": limits[0], "tl2": limits[1]}
+    pushes = [
+        (joint, *push)
+        for joint in range(2)
+        for push in zip(drawn.centre[joint], drawn.width[joint], drawn.amplitude[joint], strict=True)
+    ]
+    calm, rows = (
+        closed_loop(plant, (0, 1), swinging, np.zeros(4), 0.002, World(1000, pushes=each)) for each in ((), pushes)
+    )
+    time, x = rows[:, 0], rows[:, 1:5]
+    np.testing.assert_allclose(found.trajectory.x, x, rtol=1e-7, atol=1e-7)
     # What is recorded and scored is what was asked for, within the limits and without the pushes.
-    np.testing.assert_allclose(found.trajectory.u, rows[:, 5:], rtol=1e-7, atol=1e-7)
-    expected = score(Trajectory(rows[:, 0], rows[:, 1:5], rows[:, 5:]), robot, BRIEF)
+    u = np.clip([swinging(*row) for row in zip(x, time, strict=True)], -limits, limits)
+    np.testing.assert_allclose(found.trajectory.u, u, rtol=1e-7, atol=1e-7)
+    expected = score(Trajectory(time, x, u), robot, BRIEF)
     assert found.score == pytest.approx(expected.score, rel=1e-6)
     assert 0.2 < found.score == found.values["best"] < 1
     assert (found.successes, found.runs[0].stop) == (1, None)
     # Calm, the trial goes otherwise: the pushes act.
-    none = Pushes(np.zeros((2, 0)), np.zeros((2, 0)), np.zeros((2, 0)))
-    assert np.abs(independent_trial(swinging, none, limits, 1000)[:, 1:5] - found.trajectory.x).max() > 0.05
+    assert np.abs(calm[:, 1:5] - found.trajectory.x).max() > 0.05
 
 
 def test_a_robot_that_stops_scores_nothing():

@@ -21,30 +21,30 @@ from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.plant.robots import get_robot
 
 from .controllers import Counting, PlainCounting
-from .independent import ResetText, gravity, rk4
+from .independent import ResetText, World, closed_loop, gravity, rk4
 
 V3 = UPTIME
 BRIEF = dataclasses.replace(V3, name="brief", duration=2.0, throws=3, first=0.4, jitter=0.1)
+BOTH = {"tl1": 6.0, "tl2": 6.0}
+"""Torque limits (N m): both motors are there."""
 
 
-def independent_run(p, rules, throws, control):
-    """A minute as the rules tell it: throw after throw, call after call."""
-    x, rows = np.zeros(4), []
-    calls, total, last = 0, np.zeros(2), np.zeros(2)
-    for k in range(rules.steps):
-        number = throws.number[k]
-        if number >= 0:
-            error = throws.target[number] - x[:2]
-            total = total + error
-            derivative = (error - last) / 0.001 if calls >= 2 else np.zeros(2)
-            calls, last = calls + 1, error
-            u = np.clip(10 * error + 0.1 * 0.001 * total + 1 * derivative, -6, 6) - gravity(p, x)
-        else:
-            u = np.asarray(control(x, k * rules.dt))
-        u = np.clip(u, -6, 6)
-        rows.append([*x, *u])
-        x = rk4(p, x, u, rules.dt)
-    return np.array(rows)
+class Throwing:
+    """Throw after throw, call after call, as the rules of the minute tell it; between them another control."""
+
+    def __init__(self, p, rules, throws, control):
+        self.p, self.rules, self.throws, self.control = p, rules, throws, control
+        self.calls, self.total, self.last = 0, np.zeros(2), np.zeros(2)
+
+    def __call__(self, x, t):
+        number = self.throws.number[round(t / self.rules.dt)]
+        if number < 0:
+            return self.control(x, t)
+        error = self.throws.target[number] - x[:2]
+        self.total = self.total + error
+        derivative = (error - self.last) / 0.001 if self.calls >= 2 else np.zeros(2)
+        self.calls, self.last = self.calls + 1, error
+        return np.clip(10 * error + 0.1 * 0.001 * self.total + 1 * derivative, -6, 6) - gravity(self.p, x)
 
 
 def test_a_run_agrees_with_a_numpy_loop(robot):
@@ -52,10 +52,11 @@ def test_a_run_agrees_with_a_numpy_loop(robot):
     plain = PlainCounting()
     plain.init()
     p = LEADERBOARD.driven(robot).values()
-    rows = independent_run(p, BRIEF, draw_throws(BRIEF, LEADERBOARD, 3), plain.get_control_output)
-    np.testing.assert_allclose(result.trajectory.x, rows[:, :4], rtol=1e-7, atol=1e-7)
-    np.testing.assert_allclose(result.trajectory.u, rows[:, 4:], rtol=1e-6, atol=1e-6)
-    height = -0.2 * np.cos(rows[:, 0]) - 0.3 * np.cos(rows[:, 0] + rows[:, 1])
+    control = Throwing(p, BRIEF, draw_throws(BRIEF, LEADERBOARD, 3), plain.get_control_output)
+    rows = closed_loop(p | BOTH, (0, 1), control, np.zeros(4), BRIEF.dt, World(BRIEF.steps))
+    np.testing.assert_allclose(result.trajectory.x, rows[:, 1:5], rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(result.trajectory.u, rows[:, 5:], rtol=1e-6, atol=1e-6)
+    height = -0.2 * np.cos(rows[:, 1]) - 0.3 * np.cos(rows[:, 1] + rows[:, 2])
     assert result.score == pytest.approx(np.mean(height > 0.45))
     # Both motors are there, for the controller too, and the throws saturate them.
     assert np.all(np.abs(result.trajectory.u).max(axis=0) == 6.0)
@@ -84,20 +85,6 @@ FRICTION = make_domain({"plant": "C.1", "design": "leaderboard", "passive_limit"
 """The identified plant in a perfect loop."""
 
 
-def independent_robot_run(p, resets, stop, duration, control, dt):
-    """A run as the robot's loop goes: measure, stop, reset or control, clip, move. Rows [t, x, u]."""
-    x, rows = np.zeros(4), []
-    for k in range(round(duration / dt)):
-        t = k * dt
-        if np.any(np.abs(x) > stop):
-            break
-        u = resets(t, x)
-        u = np.clip(np.asarray(control(x, t)) if u is None else u, -6, 6)
-        rows.append([t, *x, *u])
-        x = rk4(p, x, u, dt)
-    return np.array(rows)
-
-
 @pytest.mark.parametrize(
     ("make", "name", "stop"),
     [
@@ -114,8 +101,13 @@ def test_the_robots_rules_agree_with_a_numpy_loop(make, name, stop):
     model, plain = LEADERBOARD.driven(get_robot(name)).values(), PlainCounting()
     resets = ResetText(list(planned.plan), planned.target, model, (3.0, 8.0), rules.throw_duration)
     plain.init()
-    limits, plant = np.array([4 * math.pi, 4 * math.pi, stop, stop]), load_plant("C.1").values()
-    rows = independent_robot_run(plant, resets, limits, 3.0, plain.get_control_output, rules.dt)
+
+    def control(x, t):
+        u = resets(t, x)
+        return plain.get_control_output(x, t) if u is None else u
+
+    world = World(round(3.0 / rules.dt), stop=[4 * math.pi, 4 * math.pi, stop, stop])
+    rows = closed_loop(load_plant("C.1").values() | BOTH, (0, 1), control, np.zeros(4), rules.dt, world)
     # Inserted resets, and a controller that is called between them.
     assert resets.number > sum(time < rows[-1, 0] for time in planned.plan)
     assert 0 < plain.calls < len(rows)

@@ -55,6 +55,19 @@ def measured(folder):
     return [{name: value for name, value in row.items() if name not in clock} for row in rows]
 
 
+def assert_same_runs(one, other):
+    assert_same_files(one, other)
+    assert measured(one) == measured(other)
+
+
+def resumed_after(at, folder, frames, settings=SETTINGS, env=None):
+    """A run that was killed when it reported so many frames, and resumed."""
+    for report in start_run(settings, folder, frames, env).advance():
+        if report.frames == at:
+            break
+    return resume_run(folder, env=env)
+
+
 @pytest.fixture(scope="module", autouse=True)
 def brief():
     with briefly_judged():
@@ -133,17 +146,20 @@ def test_stopped_within_a_chunk_and_resumed(finished, tmp_path, monkeypatch):
         np.testing.assert_array_equal(whole[key], resumed[key], err_msg=key)
 
 
-def test_killed_after_a_checkpoint_and_resumed(finished, tmp_path):
-    """Metrics past the checkpoint are dropped, also a last line that a crash cut short."""
-    folder, _, _ = finished
-    run(tmp_path / "part", 4)
-    with (tmp_path / "part" / "metrics.jsonl").open("a") as file:
-        file.write('{"seed": 0, "frames": 384, "reward": 0.0}\n{"seed": 0, "fra')
-    resumed = resume_run(tmp_path / "part", 10 * FRAMES)
-    assert resumed.frames == 4 * FRAMES
+@pytest.mark.parametrize(("at", "kept"), [(None, 0), (6, 4)])
+def test_killed_and_resumed(finished, tmp_path, at, kept):
+    """Before the first report, or past a checkpoint: metrics since are dropped, also a line that was cut short."""
+    folder, part = finished[0], tmp_path / "part"
+    if at is None:
+        start_run(SETTINGS, part, 10 * FRAMES)
+    else:
+        resumed_after(at * FRAMES, part, 10 * FRAMES)
+        with (part / "metrics.jsonl").open("a") as file:
+            file.write('{"seed": 0, "frames": 384, "reward": 0.0}\n{"seed": 0, "fra')
+    resumed = resume_run(part)
+    assert resumed.frames == kept * FRAMES
     list(resumed.advance())
-    assert_same_files(folder, tmp_path / "part")
-    assert measured(folder) == measured(tmp_path / "part")
+    assert_same_runs(folder, part)
 
 
 @pytest.mark.parametrize("every", [pytest.param(1, marks=pytest.mark.slow), 3])
@@ -156,13 +172,8 @@ def test_no_more_is_lost_than_was_said(tmp_path, every):
         kept = max(int(path.stem) for path in (tmp_path / "whole" / "checkpoints").glob("*.safetensors"))
         assert report.frames - kept < every * FRAMES
     assert ends == ([1, 2, 3, 4, 5, 6, 7] if every == 1 else [2, 3, 4, 6, 7])
-    part = start_run(settings, tmp_path / "part", 7 * FRAMES)
-    for report in part.advance():
-        if report.frames == 4 * FRAMES:
-            break
-    list(resume_run(tmp_path / "part").advance())
-    assert_same_files(tmp_path / "whole", tmp_path / "part")
-    assert measured(tmp_path / "whole") == measured(tmp_path / "part")
+    list(resumed_after(4 * FRAMES, tmp_path / "part", 7 * FRAMES, settings).advance())
+    assert_same_runs(tmp_path / "whole", tmp_path / "part")
 
 
 def test_the_command_makes_the_same_settings():
@@ -243,8 +254,7 @@ def test_an_interrupted_chunk_is_trained_again(finished, tmp_path, monkeypatch):
         list(training.advance())
     monkeypatch.undo()
     list(training.advance())
-    assert_same_files(folder, tmp_path / "part")
-    assert measured(folder) == measured(tmp_path / "part")
+    assert_same_runs(folder, tmp_path / "part")
 
 
 def test_a_folder_is_never_overwritten(finished):
@@ -282,13 +292,6 @@ def test_the_last_policy_is_on_the_disk_before_its_checkpoint(tmp_path, monkeypa
     run(tmp_path / "r", 2)
     assert saved.pop(0) is False
     assert saved == {128: True}
-
-
-def test_a_run_killed_before_its_first_report_resumes(finished, tmp_path):
-    folder, _, _ = finished
-    start_run(SETTINGS, tmp_path / "r", 10 * FRAMES)
-    list(resume_run(tmp_path / "r").advance())
-    assert_same_files(folder, tmp_path / "r")
 
 
 def test_resuming_keeps_a_better_policy_than_the_checkpoint_knows(tmp_path):

@@ -140,9 +140,7 @@ class Config(eqx.Module):
 def config_from_dict(values: dict[str, Any], others: Iterable[str] = ()) -> Config:
     """The inverse of ``dataclasses.asdict``; values may come from JSON, which has lists for tuples.
 
-    Args:
-        values: hyperparameters by name; those that are missing have the defaults of Table I.
-        others: further names that the caller accepts, as suggestions for misspelt ones.
+    Those that are missing have the defaults of Table I. ``others`` are further names to suggest for misspelt ones.
     """
     for name in values:
         check_hyperparameter(name, others)

@@ -82,11 +82,9 @@ def stopped_at(rows: Trajectory, duration: float) -> float | None:
 
 
 def driven_robot(name: str | Path, u: ArrayLike) -> Robot:
-    """The robot whose joint has torque, or most of it where the friction of the other joint is compensated.
+    """The robot whose joint has the torque u (rows, 2) (N m), or most of it: the other's friction is compensated.
 
-    Args:
-        name: of the recording, in messages.
-        u: its torques (N m), shape (rows, 2).
+    The name is the recording's, in messages.
     """
     size = np.abs(u).max(axis=0)
     joint = int(size.argmax())

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from .errors import SwingupError
+from .text import one_line
 
 
 def write_atomically(path: str | Path, content: bytes) -> None:
@@ -41,18 +42,17 @@ def write_atomically(path: str | Path, content: bytes) -> None:
 
 
 def read_bytes(path: str | Path, most: int) -> bytes:
-    """Read a whole file of at most ``most`` bytes; larger ones are never held in memory.
-
-    Raises:
-        OSError: it cannot be read; the caller turns this into an error that names its purpose.
-        SwingupError: it is larger.
-    """
+    """Read a whole file of at most ``most`` bytes; larger ones are never held in memory."""
     try:
         with Path(path).open("rb") as stream:
             # One byte more shows that the file is too large, also where it has no size, such as a pipe.
             content = stream.read(most + 1)
+    except FileNotFoundError as error:
+        raise SwingupError(f"no such file: {one_line(path)}") from error
+    except OSError as error:
+        raise SwingupError(f"cannot read {one_line(path)}: {error.strerror or error}; check the path") from error
     except ValueError as error:  # a null character
-        raise OSError(errno.EINVAL, "not the name of a file") from error
+        raise SwingupError(f"cannot read {one_line(path)}: not the name of a file") from error
     if len(content) > most:
         raise SwingupError(f"{path} has more than {most / 1e6:g} MB: it is another kind of file")
     return content

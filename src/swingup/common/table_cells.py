@@ -69,12 +69,7 @@ class Cells:
 
 def read_cells(path: str | Path) -> Cells:
     """Read a file's cells, by its suffix."""
-    try:
-        content = read_bytes(path, LARGEST_TABLE)
-    except FileNotFoundError as error:
-        raise SwingupError(f"no such file: {path}") from error
-    except OSError as error:
-        raise SwingupError(f"cannot read {path}: {error.strerror or error}") from error
+    content = read_bytes(path, LARGEST_TABLE)
     if Path(path).suffix.lower() in (".npz", ".npy", ".mat"):
         return _array_cells(path, content)
     return _text_cells(_decoded(path, content))

@@ -69,11 +69,7 @@ def attributes_of(element: Element, kind: str = "") -> Attributes:
 def read_tree(path: str | Path, kind: str) -> Element:
     """Read an XML file; the ``kind`` of file is named in errors."""
     named = f"{kind} file {one_line(path)}"
-    try:
-        data = read_bytes(path, LARGEST_XML)
-    except OSError as error:
-        raise SwingupError(f"cannot read {named}: {error.strerror or error}; check the path") from error
-    builder, depth = TreeBuilder(), 0
+    data, builder, depth = read_bytes(path, LARGEST_XML), TreeBuilder(), 0
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         nonlocal depth

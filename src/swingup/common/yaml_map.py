@@ -30,8 +30,6 @@ def read_map(path: str | Path, kind: str) -> dict[str, Any]:
         text = read_bytes(path, LARGEST_YAML).decode("utf-8")
         _refuse_more_than_plain(text, named)
         data = yaml.safe_load(text)
-    except OSError as error:
-        raise SwingupError(f"cannot read {named}: {error.strerror or error}; check the path") from error
     except UnicodeDecodeError as error:
         raise SwingupError(f"{named} is not UTF-8 text: {FLAT_MAP}") from error
     except yaml.YAMLError as error:

@@ -20,13 +20,10 @@ MISSING = "–"
 
 
 def step_time(*timed: Any) -> float | None:
-    """Seconds of one step: the attribute ``dt`` of the first that has it; None if none has.
+    """Seconds of one step: the ``dt`` of the first environment, task or its parameters that has it; None if none.
 
     Gymnasium's MuJoCo tasks have it, and so have its Pendulum and Acrobot. Wrappers are asked first: one that
     repeats actions can have a ``dt`` of its own.
-
-    Args:
-        timed: an environment, a task, or its parameters.
     """
     for env in timed:
         # A figure for reports must not end a training, whatever a foreign property raises.

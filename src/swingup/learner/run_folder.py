@@ -86,11 +86,7 @@ class RunFolder:
 
     @contextlib.contextmanager
     def locked(self, frames: int) -> Iterator[None]:
-        """Keep other processes from training here; the lock ends with the process, even if it is killed.
-
-        Args:
-            frames: the frames of the checkpoint that this process read.
-        """
+        """Keep other processes from training on from a checkpoint of so many frames, as long as this one lives."""
         with self.exclusive():
             # Between the reading and the lock another process may have trained here.
             newest = self.newest_frames(frames)
@@ -106,8 +102,7 @@ class RunFolder:
     def exclusive(self, patience: float = 0.0) -> Iterator[None]:
         """Hold the kernel's lock on the folder, where the system has such locks; make the folder if it is missing.
 
-        Args:
-            patience: how long to wait for a process that holds it (s).
+        ``patience`` is how long to wait for a process that holds it (s).
         """
         try:
             import fcntl

@@ -39,8 +39,6 @@ def read_robustness(path: str | Path) -> Any:
     """Read the JSON object of one robustness score."""
     try:
         return json.loads(read_bytes(path, LARGEST_RESULT))
-    except OSError as error:
-        raise SwingupError(f"cannot read {path}: {error.strerror or error}") from error
     except (ValueError, RecursionError) as error:
         raise SwingupError(f"{path} is not JSON: {ROBUSTNESS_REMEDY}") from error
 
