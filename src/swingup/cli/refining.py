@@ -20,6 +20,7 @@ from ..controllers.registry import get_controller
 from ..controllers.stack.controller import policy_alone
 from ..learner.policy_files import BEST
 from ..learner.presets import get_preset
+from ..learner.run import Run
 from ..learner.run_settings import make_run_settings
 from ..learner.start import resume_run, start_run
 from ..loop.domain import Domain, load_domain
@@ -119,14 +120,11 @@ def refine_command(
         tell(f"{ADAPTIVE} as shipped, in this pendulum's units: {kept} of {seeds} draws")
     if kept < ENOUGH * seeds:
         base = policy
-        if base is None:  # one that recovers on the domain's first plant, trained here or in an earlier call
-            folder = Path(out).with_name(f"{Path(out).stem}-base")
-            goal = get_preset(PRESET).frames if frames is None else frames
-            settings = make_run_settings(robot.name, PRESET, plant=first_plant(around, robot), seed=seed)
-            run = resume_run(folder, goal) if folder.exists() else start_run(settings, folder, goal)
+        if base is None:
+            run = _base_run(robot, around, Path(out), frames, seed)
             if stopped := train_shown(run):
                 return stopped
-            base = str(folder / BEST)
+            base = str(run.folder / BEST)
         with Progress() as progress:
             _refine(load_policy(base, robot), out, recipe, seed, command, progress, domain=around)
         if shipped is not None:
@@ -144,6 +142,16 @@ def refine_command(
         f"wrote {out} in {duration(time.monotonic() - begun)}: judge it on other draws with {again}",
     )
     return 0
+
+
+def _base_run(robot: Robot, domain: Domain, out: Path, frames: int | None, seed: int) -> Run:
+    """The training, begun here or in an earlier call, of a policy that recovers on the domain's first plant."""
+    folder = out.with_name(f"{out.stem}-base")
+    goal = get_preset(PRESET).frames if frames is None else frames
+    if folder.exists():
+        return resume_run(folder, goal)
+    settings = make_run_settings(robot.name, PRESET, plant=first_plant(domain, robot), seed=seed)
+    return start_run(settings, folder, goal)
 
 
 def _judged(robot: Robot, out: str, domain: Domain, seed: int, seeds: int) -> Result:
