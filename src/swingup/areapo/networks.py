@@ -23,6 +23,8 @@ from ..policy.network.layers import FLOAT32_SUM_WIDTH, RELU, Activation
 
 LOG_STD_RANGE = (-20.0, 2.0)
 """Range to which log σ is clamped (authors' code)."""
+STD_OUTPUT_RANGE = tuple(math.log(math.expm1(math.exp(bound))) for bound in LOG_STD_RANGE)
+"""The same for the output of which σ is the softplus: finite where log σ is not."""
 ACTIVATIONS: dict[Activation, Callable[[Array], Array]] = {
     "relu": jax.nn.relu,
     "tanh": jnp.tanh,
@@ -171,7 +173,10 @@ class Actor(AbstractActor):
             outputs = self.std_head(features)
         else:
             outputs = jnp.broadcast_to(beside(self.std_head.bias, mean), mean.shape)
-        return SquashedGaussian(mean, jnp.clip(jnp.log(jax.nn.softplus(outputs)), *LOG_STD_RANGE))
+        # The clamp has the gradient of what it clamps. With one of 0, a policy that a rare state threw beyond it
+        # would keep that σ for ever.
+        clamped = outputs + jax.lax.stop_gradient(jnp.clip(outputs, *STD_OUTPUT_RANGE) - outputs)
+        return SquashedGaussian(mean, jnp.log(jax.nn.softplus(clamped)))
 
     def noise(self, key: Key, batch: tuple[int, ...]) -> Float[Array, "m *batch"]:
         """Normal noise."""
