@@ -1,7 +1,8 @@
 """The algorithm's hyperparameters; the strings under the fields are the command line's help.
 
 Fields marked static fix shapes and are compiled in; the others are leaves of the pytree, so that learning rates or
-temperatures can be batched with ``vmap``. A pair is [reward, entropy]. Defaults are Table I of the paper.
+temperatures can be batched with ``vmap``. A pair is [reward, entropy]. Defaults are Table I of the paper, with the
+gains of its authors' code.
 """
 
 import dataclasses

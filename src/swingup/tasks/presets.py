@@ -30,7 +30,7 @@ STARTS_SEED = 0
 
 
 def paper_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> PendulumTask:
-    """The paper's task to the letter (paper, section IV), in the units of its plant."""
+    """The paper's task (section IV), in the units of its plant."""
     return _in_own_units(PendulumTask(robot=robot, parameters=load_plant(plant).driven(robot)))
 
 
