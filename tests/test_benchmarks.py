@@ -6,17 +6,22 @@ import runpy
 import sys
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
 import swingup
+from swingup import AREAPO
 from swingup.controllers.baselines.lqr import linearised
 from swingup.dynamics.angles import UPRIGHT
 from swingup.plant.plant import LEADERBOARD
 from swingup.plant.robots import ROBOTS
 from swingup.report import draw
+from swingup.tasks.acrobot_swingup import AcrobotSwingup, magnified
+from swingup.tasks.pendulum import PendulumState
 
 BENCHMARKS = Path(swingup.__file__).parents[2] / "benchmarks"
 
@@ -181,6 +186,28 @@ def test_within_the_range_the_largest_torque_turns_the_slowest_mode_back(holding
         start *= share * most / (w @ start)
         end = expm(0.05 * both) @ np.append(start, -np.sign(w @ B) * limit)
         assert (abs(w @ end[:4]) < share * most) == returns
+
+
+def test_a_policy_file_of_dm_controls_acrobot_earns_in_mujoco_what_it_earns_in_the_task(run, tmp_path, monkeypatch):
+    pytest.importorskip("mujoco")
+    import acrobot_swingup as script
+
+    monkeypatch.setattr(script, "EPISODES", 3)
+    monkeypatch.setattr(script, "STEPS", 50)
+    model = AREAPO(script.ID, num_envs=2, num_steps=4, batch_size=8, evaluation_episodes=1)
+    model.export_policy(tmp_path / "policy.safetensors")
+    found = script.judge(tmp_path / "policy.safetensors", 7)
+    random, returns, task = np.random.default_rng([7, 1]), [], AcrobotSwingup()
+    step = jax.jit(task.step)
+    for _ in range(3):
+        angles = random.uniform(-np.pi, np.pi, 2)
+        state, total = PendulumState(jnp.array([angles[0] + np.pi, angles[1], 0.0, 0.0]), jnp.array(0)), 0.0
+        for _ in range(50):
+            taken = step(state, model.predict(magnified(task.observe(state))), jax.random.key(0))
+            state, total = taken.state, total + float(taken.reward)
+        returns.append(total)
+    np.testing.assert_allclose(found, returns, rtol=1e-3)
+    assert model.settings.preset == "acrobot"
 
 
 @pytest.mark.slow

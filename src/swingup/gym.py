@@ -27,7 +27,7 @@ from .common.types import Action, Key, Observation, State
 from .drawing import draw_frame
 from .plant.plant import LEADERBOARD, PlantLike
 from .plant.robots import ROBOTS
-from .tasks.acrobot_swingup import AcrobotSwingup
+from .tasks.acrobot_swingup import IDS, AcrobotSwingup
 from .tasks.pendulum import DIVERGED_VELOCITY, AbstractPendulumTask, PendulumState
 from .tasks.presets import AnyPendulumTask, find_task
 from .tasks.task import Step
@@ -340,9 +340,9 @@ def acrobot_swingup(sparse: bool = False, **arguments: Any) -> PendulumEnv:
     return PendulumEnv("acrobot", AcrobotSwingup(sparse=sparse), **arguments)
 
 
-for _suffix, _sparse in {"": False, "Sparse": True}.items():
+for _id, _sparse in IDS.items():
     gymnasium.register(
-        id=f"swingup/AcrobotSwingup{_suffix}-v0",
+        id=_id,
         entry_point=f"{__name__}:acrobot_swingup",
         kwargs={"sparse": _sparse},
     )

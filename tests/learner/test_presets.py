@@ -21,7 +21,7 @@ def test_ppo_has_the_sizes_that_its_users_expect():
 def test_only_the_papers_preset_moves_its_gains_as_the_authors():
     rules = {name: preset.config.gain for name, preset in PRESETS.items()}
     assert rules.pop("paper") == "advantage"
-    assert rules.pop("ppo") == "none"
+    assert (rules.pop("ppo"), rules.pop("acrobot")) == ("none", "none")
     assert set(rules.values()) == {"td"}
 
 
@@ -30,3 +30,4 @@ def test_a_run_chooses_by_the_task():
     assert is_pendulum(smooth_task(ROBOTS["acrobot"]))
     assert not is_pendulum("Pendulum-v1")
     assert (choose_preset(None, "acrobot"), choose_preset(None, "Pendulum-v1")) == ("default", "mujoco")
+    assert choose_preset(None, "swingup/AcrobotSwingup-v0") == "acrobot"

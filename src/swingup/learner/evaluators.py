@@ -94,7 +94,9 @@ class ReturnEvaluator(AbstractEvaluator):
         """The evaluator of a task, with a default number of episodes."""
         adapted = task if isinstance(task, AbstractAdaptedTask) else None
         self.observation_shape = adapted.observation_shape if adapted else (task.observation_size,)
-        self.actions = adapted.actions.describe() if adapted else {}
+        # dm_control's acrobot as it is practised has actions of its own, too.
+        actions = getattr(task, "actions", None)
+        self.actions = {} if actions is None else actions.describe()
         self._task, self._seed, self._episodes = task, seed, episodes
         self._step_time = step_time(*(adapted.timed if adapted else (task,)))
 

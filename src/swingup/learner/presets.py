@@ -7,6 +7,7 @@ from ..areapo.config import Config
 from ..common.checks import one_of
 from ..common.errors import SwingupError
 from ..plant.robots import ROBOTS
+from ..tasks.acrobot_swingup import IDS as ACROBOT_IDS
 from ..tasks.pendulum import AbstractPendulumTask
 
 
@@ -67,6 +68,16 @@ PRESETS = {
         "short",
         seeds=2,
     ),
+    "acrobot": Preset(
+        "dm_control's acrobot, from starts of its own: `fast` with discounted rewards, more epochs, one long cycle",
+        Config(
+            num_epochs=6, batch_size=512, policy_layers=(64, 64), value_layers=(64, 64), temperature=0.02,
+            # Standing and falling are two closed classes of states, whose values would part without bound.
+            gain="none", discount=(0.996, 0.996), gae_lambda=(0.97, 0.9), clip_range=0.2, learning_rate=1e-3,
+            schedule="anneal", schedule_frames=50_000_000,
+        ),
+        50_000_000,
+    ),
     "ppo": Preset(
         "discounted rewards, no entropy (PPO, arXiv 1707.06347), with the sizes that Stable-Baselines3 gives it",
         Config(
@@ -98,6 +109,8 @@ PRESETS = {
 
 PENDULUM_PRESET = "default"
 """The default of the robots."""
+ACROBOT_PRESET = "acrobot"
+"""The default of dm_control's acrobot."""
 ENV_PRESET = "mujoco"
 """The default of every other task."""
 
@@ -112,6 +125,11 @@ def is_pendulum(env: Any) -> bool:
     return isinstance(env, AbstractPendulumTask) or (isinstance(env, str) and env in ROBOTS)
 
 
+def is_acrobot(env: Any) -> bool:
+    """Whether an environment is an id of dm_control's acrobot."""
+    return isinstance(env, str) and env in ACROBOT_IDS
+
+
 def choose_preset(named: str | None, env: Any) -> str:
     """The named preset, or else the default of the task; no other code decides this."""
     if named is not None:
@@ -119,4 +137,6 @@ def choose_preset(named: str | None, env: Any) -> str:
     if isinstance(env, AbstractPendulumTask):
         fitting = ", ".join(repr(name) for name in PRESETS if name != ENV_PRESET)
         raise SwingupError(f"no preset was named for this {type(env).__name__}: pass preset=, one of {fitting}")
-    return PENDULUM_PRESET if is_pendulum(env) else ENV_PRESET
+    if is_pendulum(env):
+        return PENDULUM_PRESET
+    return ACROBOT_PRESET if is_acrobot(env) else ENV_PRESET

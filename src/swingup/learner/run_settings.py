@@ -26,14 +26,16 @@ from ..plant.robots import ROBOTS, get_robot
 from ..tasks.adapted import AbstractAdaptedTask
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.presets import get_task
-from .presets import PRESETS, choose_preset, get_preset
+from .presets import PRESETS, choose_preset, get_preset, is_acrobot
 
 SETTINGS_FILE = "config.json"
 
 PENDULUM_INTERVALS = {"evaluate_every": 65_536, "checkpoint_every": 1_048_576}
 ENV_INTERVALS = {"evaluate_every": 65_536, "checkpoint_every": 262_144}
 CONTINUING_INTERVALS = {"evaluate_every": 10_000, "checkpoint_every": 1_000_000}
-"""Default frames between evaluations and between checkpoints, at which the host's environments are reset."""
+ACROBOT_EVALUATIONS = {"evaluate_every": 1_048_576, "checkpoint_every": 4_194_304, "evaluation_episodes": 128}
+"""Default frames between evaluations and between checkpoints, at which the host's environments are reset; of
+dm_control's acrobot also episodes of an evaluation."""
 CONTINUING = "swingup/Continuing"
 """Beginning of the ids of continuing tasks (:mod:`swingup.continuing`)."""
 
@@ -218,6 +220,8 @@ def default_evaluations(env: Any) -> dict[str, int]:
     if is_continuing(env):
         # A stream of 2,000 steps for every 10,000.
         return {**CONTINUING_INTERVALS, "evaluation_episodes": 1}
+    if is_acrobot(env):
+        return ACROBOT_EVALUATIONS
     intervals = PENDULUM_INTERVALS if isinstance(env, str) and env in ROBOTS else ENV_INTERVALS
     return {**intervals, "evaluation_episodes": RunSettings.evaluation_episodes}
 

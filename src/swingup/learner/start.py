@@ -10,6 +10,8 @@ import jax
 from ..areapo.state import LearnerState
 from ..common.checks import whole_number
 from ..common.errors import SwingupError
+from ..tasks.acrobot_swingup import IDS as ACROBOT_IDS
+from ..tasks.acrobot_swingup import AcrobotPractice, acrobot_practice
 from ..tasks.adapted import AbstractAdaptedTask
 from ..tasks.adapters import as_task
 from ..tasks.pendulum import AbstractPendulumTask
@@ -19,6 +21,7 @@ from .compiled_backend import CompiledBackend
 from .evaluators import ReturnEvaluator, SwingUpEvaluator, check_actions
 from .memory import check_memory
 from .policy_files import best_on_disk
+from .presets import ACROBOT_PRESET, is_acrobot
 from .progress import UNRANKED, TrainingProgress, is_finite, read_progress
 from .run import Run, Snapshot
 from .run_folder import RunFolder
@@ -110,7 +113,9 @@ def make_backend(settings: RunSettings, env: Any = None) -> AbstractBackend:
             of its task than the preset's.
     """
     config, seed, seeds = settings.config, settings.seed, settings.seeds
-    env = as_task(env)
+    env = as_task(settings.env if env is None else env)
+    if settings.preset == ACROBOT_PRESET and is_acrobot(env):
+        env = acrobot_practice(ACROBOT_IDS[env])
     if settings.robot is not None:
         pendulum = env if isinstance(env, AbstractPendulumTask) else settings.task()
         check_memory(config, pendulum.spaces, seeds)
@@ -121,12 +126,12 @@ def make_backend(settings: RunSettings, env: Any = None) -> AbstractBackend:
         episodes = settings.evaluation_episodes
         if not episodes:
             raise SwingupError("evaluation_episodes = 0, but a task in JAX is scored by episodes: use 1 or more")
-        to_actions = env.actions if isinstance(env, AbstractAdaptedTask) else None
-        return CompiledBackend(env, config, seed, seeds, ReturnEvaluator(env, seed, episodes), to_actions)
-    if env is None and is_description(settings.name):
-        raise SwingupError(f"this run's environment was passed in ({settings.name}): pass it again as env")
+        judged = env.judged if isinstance(env, AcrobotPractice) else env
+        to_actions = env.actions if isinstance(env, AbstractAdaptedTask | AcrobotPractice) else None
+        return CompiledBackend(env, config, seed, seeds, ReturnEvaluator(judged, seed, episodes), to_actions)
+    if isinstance(env, str) and is_description(env):
+        raise SwingupError(f"this run's environment was passed in ({env}): pass it again as env")
     # Imported here: Gymnasium is slow to load, and the pendulum does not need it.
     from .host_backend import HostBackend
 
-    made_from = settings.env if env is None else env
-    return HostBackend(made_from, settings.name, config, range(seed, seed + seeds), settings.evaluation_episodes)
+    return HostBackend(env, settings.name, config, range(seed, seed + seeds), settings.evaluation_episodes)

@@ -12,7 +12,8 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Shaped
+import numpy as np
+from jaxtyping import Array, Bool, Float
 
 from ..common.types import Action, Key, Observation, Scalar, State, Torque
 from ..dynamics.dynamics import total_energy
@@ -20,6 +21,7 @@ from ..dynamics.integrate import rk4_step
 from ..plant.plant import Plant
 from ..plant.robots import ROBOTS, Robot
 from .pendulum import PendulumState
+from .space_actions import SpaceActions
 from .task import AbstractTask, Step
 
 CAPSULES = Plant(
@@ -36,6 +38,9 @@ MJCF = """<mujoco><option timestep="0.01" integrator="RK4"><flag constraint="dis
 <body pos="0 0 1"><joint name="elbow"/><geom size="0.049"/></body></body></worldbody>
 <actuator><motor joint="elbow" gear="2" ctrlrange="-1 1" ctrllimited="true"/></actuator></mujoco>"""
 """The same for MuJoCo, with the suite's numbers; there q1 = 0 is upright."""
+
+IDS = {"swingup/AcrobotSwingup-v0": False, "swingup/AcrobotSwingupSparse-v0": True}
+"""Gymnasium's ids of the task, and whether it is sparse."""
 
 RADIUS = 0.2
 """Distance of the tip from its highest place within which a step earns 1 (m)."""
@@ -121,12 +126,18 @@ MAGNIFICATION = (1000.0, 1000.0, 300.0, 300.0)
 """Factors of the links' horizontal directions and of the velocities (s/rad): what can be held becomes 10 wide."""
 HIGHEST_ENERGY = 2.0
 """Most energy of a winnable start above that of upright (J): more must be braked away first."""
+TORQUES = SpaceActions((1,), "float32", (3,), np.array([-1]), np.array([-1]))
+"""The choices of a policy: full torque backwards, none, full torque forwards."""
+ACTION_REPEAT = 2
+"""Steps of 10 ms for which an action is held in practice."""
+STARTS, STARTS_SEED = 2**17, 0
+"""How many starts are drawn for practice, and their seed."""
 
 
 class AcrobotPractice(AcrobotSwingup):
     """The task as a policy learns it: three torques, an observation that is sharp near upright, starts of its own.
 
-    What such a policy does in the task itself: :func:`magnified` what it observes, :func:`torque_of` what it chose.
+    In the task itself such a policy is shown what is :func:`magnified`, and acts by :attr:`actions` of its choice.
     """
 
     starts: Float[Array, "n 4"] | None = None
@@ -135,9 +146,19 @@ class AcrobotPractice(AcrobotSwingup):
     """Share of the episodes that start in one of them."""
 
     @property
+    def actions(self) -> SpaceActions:
+        """The task's action of each of the three choices: -1, 0 or 1."""
+        return TORQUES
+
+    @property
     def choices(self) -> tuple[int, ...]:
         """Three torques: the best controls are at the limits, where a squashed Gaussian loses its entropy."""
-        return (3,)
+        return TORQUES.choices
+
+    @property
+    def judged(self) -> "AcrobotPractice":
+        """The task with its own starts, limit and steps, for such a policy."""
+        return AcrobotPractice(sparse=self.sparse)
 
     @property
     def observation_size(self) -> int:
@@ -160,7 +181,13 @@ class AcrobotPractice(AcrobotSwingup):
 
     def step(self, state: PendulumState, action: Action, key: Key) -> Step[PendulumState]:
         """Hold a chosen torque."""
-        return super().step(state, torque_of(action).astype(jnp.float32), key)
+        return super().step(state, self.actions(action), key)
+
+
+def acrobot_practice(sparse: bool = False) -> AcrobotPractice:
+    """What the preset `acrobot` trains on: half of the episodes begin on paths of up to 4 s to upright."""
+    starts = winnable_starts(jax.random.key(STARTS_SEED), STARTS, longest=400, even=0.5)
+    return AcrobotPractice(sparse, ACTION_REPEAT, 0.004, starts, start_share=0.55)
 
 
 def magnified(observation: Float[Any, "*b 6"]) -> Float[Any, "*b 10"]:
@@ -169,11 +196,6 @@ def magnified(observation: Float[Any, "*b 6"]) -> Float[Any, "*b 10"]:
     small = xp.concatenate([observation[..., :2], observation[..., 4:]], axis=-1)
     factors = xp.asarray(MAGNIFICATION, dtype=small.dtype)
     return xp.concatenate([observation, xp.asinh(factors * small)], axis=-1)
-
-
-def torque_of(choice: Shaped[Any, "..."]) -> Shaped[Any, "..."]:
-    """The task's action of one of the three choices: -1, 0 or 1."""
-    return choice - 1
 
 
 def winnable_starts(key: Key, number: int, longest: int, even: float) -> Float[Array, "n 4"]:
