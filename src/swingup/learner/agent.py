@@ -64,8 +64,8 @@ class AREAPO:
                 environment with gymnax's methods or a pair of one and its parameters, an environment of
                 jax-envelope, MuJoCo Playground or brax, or ``acrobot`` or ``pendubot``.
             preset: named settings, see :data:`swingup.learner.presets.PRESETS`. The default is ``default`` for the
-                robots, ``acrobot`` for dm_control's acrobot and ``mujoco`` for anything else; a pendulum task that is
-                passed in needs a name.
+                robots, ``acrobot`` for dm_control's acrobot and ``mujoco`` for anything else; a pendulum task
+                that is passed in needs a name.
             seed: from which all randomness follows.
             seeds: how many seeds to train, ``seed`` and those after it; default: the preset's number. The learner
                 then acts by the seed with the best score so far.
