@@ -186,7 +186,7 @@ class AcrobotPractice(AcrobotSwingup):
 
 def acrobot_practice(sparse: bool = False) -> AcrobotPractice:
     """What the preset `acrobot` trains on: half of the episodes begin on paths of up to 4 s to upright."""
-    starts = winnable_starts(jax.random.key(STARTS_SEED), STARTS, longest=400, even=0.5)
+    starts = winnable_starts(jax.random.key(STARTS_SEED), STARTS, longest=400, even=0.7)
     return AcrobotPractice(sparse, ACTION_REPEAT, 0.004, starts, start_share=0.55)
 
 
