@@ -20,6 +20,7 @@ from swingup.plant.units import (
     VELOCITY,
     Scales,
     scales_of,
+    similar_plant,
     torque_over_gravity,
 )
 
@@ -43,6 +44,8 @@ def test_units_of_a_similar_pendulum(similar):
     found = scales_of(similar(LEADERBOARD.driven(ROBOTS["acrobot"])))
     # T ~ √(l/g), Γ ~ m l g.
     assert tuple(found) == pytest.approx((0.5, 0.025, 0.25), rel=1e-12)
+    back = similar_plant(similar(LEADERBOARD), found)
+    assert back.values() == pytest.approx(LEADERBOARD.values(), rel=1e-12)
     units = [found.of(unit) for unit in (VELOCITY, ACCELERATION, INERTIA, DAMPING)]
     assert units == pytest.approx([2.0, 4.0, 0.025 / 4, 0.025 / 2])
 

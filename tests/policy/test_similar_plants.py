@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 
 from swingup.controllers.stack.controller import policy_alone, policy_of
+from swingup.loop.on_plant import drawn_around
+from swingup.plant.plant import load_plant
 from swingup.plant.units import Scales, scales_of
 from swingup.policy.shipped import load_policy
-from swingup.refine.recipe import in_units, wrapped_policy
+from swingup.refine.recipe import in_units, shipped_for, wrapped_policy
 
 from .backends import C, Numpy
 from .backends import Jax as InJax
 
-SCALES = Scales(time=0.5, torque=0.02, length=1.0)
-"""Half of C.1's time and a fiftieth of its torque."""
+SCALES = Scales(time=0.5, torque=0.02, length=0.25)
+"""Half of C.1's time, a fiftieth of its torque, and a quarter of its lengths."""
 
 
 @pytest.fixture(scope="module")
@@ -39,11 +41,19 @@ def a_run(rows):
 def test_a_similar_plants_policy_is_the_same_in_its_units(pair):
     one, other = pair
     scales = scales_of(other.plant)
-    assert (scales.time, scales.torque) == pytest.approx((0.5, 0.02))
+    assert tuple(scales) == pytest.approx(tuple(SCALES))
     assert other.identifier.passive_limit == pytest.approx(0.01)
-    back = policy_of(in_units(policy_alone(other), Scales(2.0, 50.0, 1.0)))
+    back = policy_of(in_units(policy_alone(other), Scales(2.0, 50.0, 4.0)))
     assert back.plant.values() == pytest.approx(one.plant.values())
     assert back.torque_limit == pytest.approx(one.torque_limit)
+
+
+def test_the_shipped_policy_is_for_similar_pendulums_of_any_size(either_robot, similar):
+    own, small = (shipped_for(drawn_around(plant), either_robot) for plant in ("C.1", similar(load_plant("C.1"))))
+    assert own is not None
+    assert small is not None
+    assert small.plant.values() == pytest.approx(similar(own.plant).values())
+    assert shipped_for(drawn_around("A.0"), either_robot) is None
 
 
 @pytest.mark.parametrize("kind", [Numpy, C, pytest.param(InJax, marks=pytest.mark.slow)])

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 RecordT = TypeVar("RecordT")
 
-REFERENCE = (0.2119482605847436, TORQUE_LIMIT, 0.5)
-"""T (s), torque limit (N m) and length (m) of the leaderboards' plant, to the last digit."""
+REFERENCE = (0.2119482605847436, TORQUE_LIMIT, 0.2)
+"""T (s), torque limit (N m) and length l1 (m) of the leaderboards' plant, to the last digit."""
 
 
 class Unit(NamedTuple):
@@ -44,17 +44,19 @@ NUMBER = Unit()
 """Angles and shares: the same number for every pendulum."""
 TIME, VELOCITY, ACCELERATION = Unit(time=1), Unit(time=-1), Unit(time=-2)
 TORQUE, TORQUE_RATE, DAMPING, INERTIA, COMPLIANCE = Unit(1), Unit(1, -1), Unit(1, 1), Unit(1, 2), Unit(-1)
-LENGTH = Unit(length=1)
+LENGTH, MASS, MOMENT, GRAVITY = Unit(length=1), Unit(1, 2, -2), Unit(1, 2, -1), Unit(0, -2, 1)
+"""MOMENT is that of a mass times a length."""
 STATE = (NUMBER, NUMBER, VELOCITY, VELOCITY)
 """[q1, q2, dq1, dq2]."""
-BASE_UNITS = (INERTIA, INERTIA, INERTIA, INERTIA, DAMPING, DAMPING, TORQUE, TORQUE, INERTIA)
-"""Those of the base parameters. Lengths keep their own, so that m r has the unit of an inertia."""
+BASE_UNITS = (INERTIA, INERTIA, MOMENT, MOMENT, DAMPING, DAMPING, TORQUE, TORQUE, INERTIA)
+"""Those of the base parameters."""
 
 PLANT_UNITS = {
-    **dict.fromkeys(("m1", "m2", "I1", "I2", "Ir"), INERTIA), "b1": DAMPING, "b2": DAMPING, "g": ACCELERATION,
+    **dict.fromkeys(("m1", "m2"), MASS), **dict.fromkeys(("l1", "l2", "r1", "r2"), LENGTH),
+    **dict.fromkeys(("I1", "I2", "Ir"), INERTIA), "b1": DAMPING, "b2": DAMPING, "g": GRAVITY,
     **dict.fromkeys(("cf1", "cf2", "tl1", "tl2"), TORQUE),
 }  # fmt: skip
-"""Units of a plant's numbers by name. Lengths keep their own: a longer arm of the same inertia moves alike."""
+"""Units of a plant's numbers by name; the gear ratio has none."""
 
 
 class Scales(NamedTuple):
@@ -65,7 +67,7 @@ class Scales(NamedTuple):
     torque: float
     """Unit of torque: the larger of the two torque limits, relative to 6 N m."""
     length: float
-    """Length l1 + l2."""
+    """Unit of length: the upper link's, relative to 0.2 m."""
 
     def of(self, unit: Unit) -> float:
         """A unit as a multiple of C.1's."""
@@ -116,7 +118,7 @@ def scales_of(parameters: "Plant") -> Scales:
         SwingupError: gravity does not pull its stretched arm down, or its inertia is not positive.
     """
     time, _ = _time_and_gravity(parameters)
-    absolute = time, float(max(parameters.tl1, parameters.tl2)), float(parameters.l1 + parameters.l2)
+    absolute = time, float(max(parameters.tl1, parameters.tl2)), float(parameters.l1)
     return Scales(*(value / unit for value, unit in zip(absolute, REFERENCE, strict=True)))
 
 
@@ -130,7 +132,7 @@ def torque_over_gravity(parameters: "Plant") -> float:
 
 
 def similar_plant(plant: "Plant", scales: Scales) -> "Plant":
-    """The pendulum of the same lengths that moves as a plant does, in C.1's units of time and torque."""
+    """The pendulum that moves as a plant does in C.1's units."""
     return plant.changed(**{name: scales.similar(getattr(plant, name), unit) for name, unit in PLANT_UNITS.items()})
 
 
