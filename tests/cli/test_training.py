@@ -34,25 +34,25 @@ TINY = (
     "--num-envs 4 --num-steps 16 --batch-size 64 --num-epochs 1 --policy-layers 8 8 --value-layers 8x8 "
     "--evaluate-every 128 --checkpoint-every 256"
 )
-ENDLESS = f"train pendubot --frames 100000000 --out r {TINY}"
+ENDLESS = f"train acrobot --frames 100000000 --out r {TINY}"
 
 
 def test_train_resume_and_evaluate(run, capsys):
-    assert main(f"train pendubot --frames 300 --seed 5 {TINY}".split()) == 0
+    assert main(f"train acrobot --frames 300 --seed 5 {TINY}".split()) == 0
     output = capsys.readouterr()
     assert "Score" in output.out
-    assert "training pendubot (default) to 300 frames in runs/pendubot-default-5" in output.err
+    assert "training acrobot (default) to 300 frames in runs/acrobot-default-5" in output.err
     assert "frames: 320 of 300, 0 s left  best 0.000  score 0.000  reward -" in output.err
-    run("train pendubot --resume runs/pendubot-default-5 --frames 500")
-    rows = read_metrics("runs/pendubot-default-5/metrics.jsonl")
+    run("train acrobot --resume runs/acrobot-default-5 --frames 500")
+    rows = read_metrics("runs/acrobot-default-5/metrics.jsonl")
     assert [row["frames"] for row in rows] == [128, 256, 320, 384, 512]
-    config = json.loads(Path("runs/pendubot-default-5/config.json").read_text())["config"]
+    config = json.loads(Path("runs/acrobot-default-5/config.json").read_text())["config"]
     assert (config["policy_layers"], config["value_layers"], config["temperature"]) == ([8, 8], [8, 8], 2.0)
     for words, message in (
-        ("acrobot", "robot = pendubot, not acrobot"), ("--clip-range 0.3", "clip_range = 0.05, not 0.3"),
+        ("pendubot", "robot = acrobot, not pendubot"), ("--clip-range 0.3", "clip_range = 0.05, not 0.3"),
         ("--plant B.0", "plant = leaderboard, not B.0"),
     ):  # fmt: skip
-        assert main(f"train {words} --resume runs/pendubot-default-5".split()) == 2
+        assert main(f"train {words} --resume runs/acrobot-default-5".split()) == 2
         assert message in capsys.readouterr().err
 
 

@@ -71,11 +71,15 @@ def dense_solution():
     return u, np.sum((M @ u - y) ** 2)
 
 
-def run(transition, cost, settings, x0=X0, torque=None, idle=False):
-    torque = np.zeros(len(cost.torque)) if torque is None else torque
-    return jax.jit(lambda x0, u: solve(transition, cost, x0, u, settings, idle))(
-        jnp.asarray(x0), jnp.asarray(torque)
-    )
+@jax.jit
+def solved(transition, cost, x0, torque, idle, settings):
+    return solve(transition, cost, x0, torque, ILQRSettings(**settings), idle)
+
+
+def run(settings, sign=1.0, x0=X0, torque=(0.0,) * N, idle=False):
+    """Solve the linear-quadratic problem; one compiled program whatever the numbers are."""
+    given = map(jnp.asarray, (x0, torque, idle))
+    return solved(Linear(sign), linear_cost(), *given, dataclasses.asdict(settings))
 
 
 def swing(limit, **changes):
@@ -92,11 +96,11 @@ def swing(limit, **changes):
 
 def test_one_iteration_solves_a_linear_quadratic_problem(x64):
     u, least = dense_solution()
-    once = run(Linear(), linear_cost(), dataclasses.replace(PLAIN, max_iterations=1))
+    once = run(dataclasses.replace(PLAIN, max_iterations=1))
     np.testing.assert_allclose(once.torque, u, atol=1e-9)
     assert once.cost == pytest.approx(least, rel=1e-10)
     assert once.status == Status.ITERATION_LIMIT
-    solution = run(Linear(), linear_cost(), PLAIN)
+    solution = run(PLAIN)
     assert (solution.status, solution.iterations) == (Status.CONVERGED, 2)
     np.testing.assert_allclose(
         solution.states[1:], np.asarray(solution.states[:-1]) @ A.T + np.outer(u, B), atol=1e-9
@@ -105,7 +109,7 @@ def test_one_iteration_solves_a_linear_quadratic_problem(x64):
 
 def test_gains_against_an_independent_recursion(x64):
     for mu in (0.0, 3.0):
-        gains = feedback_gains(Linear(), linear_cost(), jnp.zeros((N + 1, 4)), jnp.zeros(N), mu)
+        gains = jax.jit(feedback_gains)(Linear(), linear_cost(), jnp.zeros((N + 1, 4)), jnp.zeros(N), mu)
         P = np.diag(2 * WEIGHTS[2])
         for i in reversed(range(N)):
             K = -(B @ P @ A) / (2 * WEIGHTS[1] / N + B @ P @ B + mu)
@@ -117,15 +121,15 @@ def test_gains_against_an_independent_recursion(x64):
 
 def test_regularisation_only_slows_it_down(x64):
     settings = dataclasses.replace(PLAIN, regularisation=10.0, max_iterations=200, tolerance=1e-13)
-    solution = run(Linear(), linear_cost(), settings)
+    solution = run(settings)
     assert solution.status == Status.CONVERGED
     assert solution.iterations > 5
     np.testing.assert_allclose(solution.torque, dense_solution()[0], atol=1e-5)
 
 
 def test_wrong_derivatives_stall(x64):
-    solution = run(Linear(sign=-1.0), linear_cost(), dataclasses.replace(PLAIN, regularisation=1.0))
-    untouched = run(Linear(), linear_cost(), PLAIN, idle=True)
+    solution = run(dataclasses.replace(PLAIN, regularisation=1.0), sign=-1.0)
+    untouched = run(PLAIN, idle=True)
     assert solution.status == Status.STALLED
     # Doubled from 1 until 2^20 is clipped to 10^6, where the last attempt failed too.
     assert (solution.iterations, solution.regularisation) == (21, 1e6)
@@ -134,7 +138,7 @@ def test_wrong_derivatives_stall(x64):
 
 
 def test_idle_does_nothing(x64):
-    solution = run(Linear(), linear_cost(), PLAIN, torque=TARGETS[1], idle=True)
+    solution = run(PLAIN, torque=TARGETS[1], idle=True)
     assert solution.iterations == 0
     np.testing.assert_array_equal(solution.torque, TARGETS[1])
 
@@ -175,7 +179,7 @@ def test_line_search_keeps_the_cheapest_step(x64):
     # Of a linear-quadratic problem the full step is the best one, in whatever order they are tried.
     def cost_after(*sizes):
         settings = dataclasses.replace(PLAIN, max_iterations=1, step_sizes=sizes)
-        return float(run(Linear(), linear_cost(), settings).cost)
+        return float(run(settings).cost)
 
     least = dense_solution()[1]
     assert cost_after(0.1) > 1.1 * least
@@ -189,9 +193,9 @@ def test_a_batch_equals_single_problems(x64):
     def one(x0, idle):
         return solve(Linear(), linear_cost(), x0, jnp.zeros(N), settings, idle)
 
-    batch, single = jax.jit(jax.vmap(one))(starts, idle), jax.jit(one)
+    batch = jax.jit(jax.vmap(one))(starts, idle)
     for index in range(3):
-        alone = single(starts[index], idle[index])
+        alone = run(settings, x0=starts[index], idle=idle[index])
         assert batch.iterations[index] == alone.iterations
         np.testing.assert_allclose(batch.torque[index], alone.torque, atol=1e-9)
     assert batch.iterations[1] == 0

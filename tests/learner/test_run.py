@@ -23,10 +23,11 @@ from swingup.plant.plant import LEADERBOARD, load_plant
 
 from .brief import briefly_judged
 
-CONFIG = Config(
+CONFIG = dataclasses.replace(
+    get_preset("default").config,
     num_envs=4, num_steps=16, num_epochs=1, batch_size=64, policy_layers=(8, 8), value_layers=(8, 8),
-    centre_values=True,
 )  # fmt: skip
+"""That of the commands' tests, too, which so find their programs compiled."""
 FRAMES = 64
 """Frames of one iteration."""
 SETTINGS = RunSettings("acrobot", "default", 0, 1, 2 * FRAMES, 4 * FRAMES, CONFIG)

@@ -14,7 +14,7 @@ import optax
 from jaxtyping import Array, Bool, Float
 
 from ..common.types import Count, Key, Scalar
-from ..tasks.task import AbstractTask
+from ..tasks.task import AbstractTask, strongly_typed
 from .config import Config
 from .initial import begin_episodes, init_learner
 from .keys import COLLECT, IMPROVE, NEXT
@@ -34,7 +34,8 @@ Pairs = Float[Array, "steps envs 2"]
 def init(key: Key, task: Task, config: Config) -> LearnerState:
     """The state before the first iteration."""
     learner_key, reset_key = jax.random.split(key)
-    task_states = jax.vmap(task.reset)(jax.random.split(reset_key, config.num_envs))
+    # A resumed run finds its program compiled: no types differ from those that a checkpoint holds.
+    task_states = jax.tree.map(strongly_typed, jax.vmap(task.reset)(jax.random.split(reset_key, config.num_envs)))
     state = replace(init_learner(learner_key, task.spaces, config), task_states=task_states)
     return begin_episodes(state, jax.vmap(task.observe)(task_states))
 

@@ -39,7 +39,7 @@ def init_learner(key: Key, spaces: Spaces, config: Config) -> LearnerState:
         task_states=None,
         observations=jnp.zeros((config.num_envs, spaces.observation_size)),
         key=state_key,
-        iterations=jnp.array(0),
+        iterations=jnp.zeros((), int),
         reset_cost=jnp.asarray(config.reset_cost, jnp.float32),
         task_rewards=running_statistics(),
         reward_statistics=running_statistics(),

@@ -26,6 +26,7 @@ from ..common.checks import whole_number
 from ..common.errors import SwingupError
 from ..common.foreign import attribute, errors_named_after
 from ..common.text import one_line, quoted
+from ..tasks.adapted import shape_of_observation
 from ..tasks.space_actions import space_actions
 from ..tasks.task import Spaces
 from .checked_environment import RESET, STEP, CheckedEnvironment, checked_vector
@@ -70,17 +71,12 @@ class Environments:
         """
         name = type(env).__name__ if name is None else name
         space, actions = (attribute(env, f"single_{each}_space") for each in ("observation", "action"))
-        if not isinstance(space, Box) or 0 in space.shape:
-            what = "empty" if isinstance(space, Box) else "not a Box"
+        if not isinstance(space, Box):
             raise SwingupError(
-                f"observations {one_line(space, 200)} of {name} are {what}: wrap it in "
+                f"observations {one_line(space, 200)} of {name} are not a Box: wrap it in "
                 "gymnasium.wrappers.FlattenObservation"
             )
-        if np.issubdtype(space.dtype, np.uint8) and len(space.shape) > 1:
-            raise SwingupError(
-                f"observations {one_line(space, 200)} of {name} are images, which these networks cannot see: make "
-                "features of them in a gymnasium.wrappers.TransformObservation, or say FlattenObservation"
-            )
+        shape_of_observation(space, name)
         if not isinstance(actions, Box | Discrete | MultiDiscrete):
             raise SwingupError(
                 f"actions {one_line(actions, 200)} are not supported: use a bounded Box, Discrete or MultiDiscrete"

@@ -11,7 +11,7 @@ from typing import Any
 
 from ..areapo.checkpoint import load_checkpoint, save_checkpoint
 from ..common.errors import SwingupError
-from ..common.files import make_folder
+from ..common.files import behind_links, make_folder
 
 CHECKPOINTS_KEPT = 2
 """The newest and one to go back to, if that is damaged."""
@@ -37,6 +37,7 @@ class RunFolder:
     def check_new(self) -> None:
         """Refuse a folder that holds something."""
         try:
+            behind_links(self.path)  # which refuses a link to itself
             if any(self._content()):
                 raise SwingupError(
                     f"{self.path} exists: continue it with --resume {self.path}, or choose another --out"

@@ -12,7 +12,7 @@ from ..common.foreign import attribute, errors_named_after
 from ..common.text import one_line, quoted
 from ..common.types import Observation
 from .space_actions import SpaceActions
-from .task import AbstractTask, Step
+from .task import AbstractTask, Step, strongly_typed
 
 
 class AdaptedState(eqx.Module):
@@ -25,7 +25,7 @@ class AdaptedState(eqx.Module):
 
     def __init__(self, inner: Any, observation: Any) -> None:
         """A state of what an environment returns."""
-        self.inner, self.observation = jax.tree.map(_fixed, inner), _flat(observation)
+        self.inner, self.observation = jax.tree.map(strongly_typed, inner), _flat(observation)
 
 
 class AbstractAdaptedTask(AbstractTask[AdaptedState]):
@@ -117,24 +117,18 @@ def check_hash(name: str, static: Any) -> None:
 
 
 def shape_of_observation(observation: Any, name: str) -> tuple[int, ...]:
-    """The shape of a named environment's observation, of which the shape and type are given."""
-    shape = attribute(observation, "shape")
+    """The shape of a named environment's observation, of which the shape and type, or the space, are given."""
+    shape, shown = attribute(observation, "shape"), f"observations {one_line(observation, 100)} of {name}"
     if shape is None or 0 in shape:
-        raise SwingupError(f"{name} shows {one_line(observation, 100)}: make it one array with an entry")
+        what = "several arrays" if shape is None else "empty"
+        raise SwingupError(f"{shown} are {what}: make them one array with an entry")
     # One row of bytes may well be a state: a game's memory.
     if observation.dtype == np.uint8 and len(shape) > 1:
         raise SwingupError(
-            f"observations {one_line(observation, 100)} of {name} are images, which these networks cannot see: "
-            "show features of them, or flatten them by a wrapper"
+            f"{shown} are images, which these networks cannot see: show features of them, or flatten them"
         )
     return tuple(shape)
 
 
 def _flat(observation: Any) -> Observation:
     return jnp.asarray(observation, jnp.float32).reshape(-1)
-
-
-def _fixed(leaf: Any) -> jax.Array:
-    # Python's numbers are weakly typed: a loop would see another type after its first step.
-    array = jnp.asarray(leaf)
-    return array if jnp.issubdtype(array.dtype, jax.dtypes.prng_key) else array.astype(array.dtype)

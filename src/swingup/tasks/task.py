@@ -2,9 +2,11 @@
 
 import abc
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 
 from ..common.types import Action, Flag, Key, Observation, Scalar
 
@@ -75,3 +77,9 @@ class AbstractTask(eqx.Module, Generic[StateT]):
     @abc.abstractmethod
     def step(self, state: StateT, action: Action, key: Key) -> Step[StateT]:
         """Advance by one action, each entry in [-1, 1] or one of its choices."""
+
+
+def strongly_typed(leaf: Any) -> jax.Array:
+    """An array of a type that stays: Python's numbers are weakly typed, a loop's and a checkpoint's are not."""
+    array = jnp.asarray(leaf)
+    return array if jnp.issubdtype(array.dtype, jax.dtypes.prng_key) else array.astype(array.dtype)
