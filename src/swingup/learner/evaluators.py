@@ -19,6 +19,7 @@ from ..controllers.stack.controller import PolicyController, save_controller
 from ..controllers.stack.policy import Policy, save_policy
 from ..plant.plant import LEADERBOARD, Plant
 from ..policy.plant_facts import policy_plant
+from ..tasks.acrobot_swingup import AcrobotPractice
 from ..tasks.adapted import AbstractAdaptedTask
 from ..tasks.observation import Stage
 from ..tasks.pendulum import AbstractPendulumTask
@@ -94,9 +95,7 @@ class ReturnEvaluator(AbstractEvaluator):
         """The evaluator of a task, with a default number of episodes."""
         adapted = task if isinstance(task, AbstractAdaptedTask) else None
         self.observation_shape = adapted.observation_shape if adapted else (task.observation_size,)
-        # dm_control's acrobot as it is practised has actions of its own, too.
-        actions = getattr(task, "actions", None)
-        self.actions = {} if actions is None else actions.describe()
+        self.actions = task.actions.describe() if isinstance(task, AbstractAdaptedTask | AcrobotPractice) else {}
         self._task, self._seed, self._episodes = task, seed, episodes
         self._step_time = step_time(*(adapted.timed if adapted else (task,)))
 

@@ -69,7 +69,7 @@ PRESETS = {
         seeds=2,
     ),
     "acrobot": Preset(
-        "dm_control's acrobot, from starts of its own: networks of 64-64, discounted rewards",
+        "dm_control's acrobot, from starts of its own, in actions of 20 ms: networks of 64-64, discounted rewards",
         Config(
             num_epochs=6, batch_size=512, policy_layers=(64, 64), value_layers=(64, 64), temperature=0.015,
             # Standing and falling are two closed classes of states, whose values would part without bound.
