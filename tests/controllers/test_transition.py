@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -23,8 +24,11 @@ def robot(either_robot):
     return either_robot
 
 
-def both_joints(robot, u):
-    return jnp.asarray(u) * jnp.array(robot.actuation)
+@jax.jit
+@functools.partial(jax.vmap, in_axes=(None, None, None, 0, 0))
+def judged(p, actuation, dt, x, u):
+    """The judge's steps."""
+    return rk4_step(p, x, u * jnp.asarray(actuation), dt)
 
 
 def full_jacobian(transition):
@@ -36,16 +40,18 @@ def test_a_step_is_the_judges_runge_kutta_step(x64, robot):
     # Friction and motor inertia included.
     p = load_plant("C.1")
     x, u = unpack(jnp.asarray(STATES)), jnp.asarray(TORQUES)
-    steps = jax.jit(jax.vmap(lambda x, u: rk4_step(p, x, both_joints(robot, u), 0.002)))(STATES, TORQUES)
+    steps = judged(p, robot.actuation, 0.002, STATES, TORQUES)
     found = jax.jit(PendulumTransition(p, robot.joint, 0.002).step)(x, u)
     np.testing.assert_allclose(np.transpose(found), steps, rtol=1e-13, atol=1e-13)
 
 
 def finite_differences(p, robot, dt):
-    steps = jax.jit(jax.vmap(lambda x, u: rk4_step(p, x, both_joints(robot, u), dt)))
     columns = []
     for nudge in 1e-5 * np.eye(5):
-        ahead, behind = (steps(STATES + s * nudge[:4], TORQUES + s * nudge[4]) for s in (1, -1))
+        ahead, behind = (
+            np.asarray(judged(p, robot.actuation, dt, STATES + s * nudge[:4], TORQUES + s * nudge[4]))
+            for s in (1, -1)
+        )
         columns.append((ahead - behind) / 2e-5)
     return np.stack(columns, axis=-1)
 

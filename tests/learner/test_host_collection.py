@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
+from areapo.test_probes import values
 from swingup.areapo.config import Config
 from swingup.areapo.initial import begin_episodes, init_learner
 from swingup.learner import host_collection as host
@@ -33,11 +34,6 @@ def learn(kind, mode, **changes):
     state, _ = second.train(second.begin(state, 120), 50)
     state, (row,) = second.train(state, 60)
     return state, row
-
-
-def values(state, observations):
-    stage = state.statistics.stage()
-    return np.asarray(jax.vmap(lambda o: state.critic(stage(o)))(jnp.asarray(observations)[:, None]))
 
 
 @pytest.mark.slow
@@ -95,7 +91,7 @@ TINY = Config(num_envs=2, num_steps=16, num_epochs=1, batch_size=32, policy_laye
 def test_a_rollout_holds_what_the_actor_saw_and_did(mode):
     config = Config(**(vars(SMALL) | {"num_envs": 3, "num_steps": 10, "batch_size": 30}))
     environments = make_environments(SyncVectorEnv([Stairs] * 3, autoreset_mode=mode), 3)
-    state = init_learner(jax.random.key(0), environments.spaces, config)
+    state = jax.jit(init_learner, static_argnums=1)(jax.random.key(0), environments.spaces, config)
     state = begin_episodes(state, environments.reset(0))
     after, rollout = collect_on_host(state, environments, new_tally(3), config)
     log_prob = jax.jit(jax.vmap(jax.vmap(lambda o, z: state.actor(o).log_prob(z))))
