@@ -27,12 +27,13 @@ from swingup.tasks.acrobot_swingup import ACTION_REPEAT, MJCF, TORQUES, AcrobotS
 ID, PRESET = "swingup/AcrobotSwingup-v0", "acrobot"
 EPISODES, STEPS = 128, 1000
 """Of a judgement in MuJoCo; their seeds are not those of training."""
-EVERY = 5_000_000
-"""Actions between judgements; in MuJoCo each lasts for one step."""
+EVERY, JUDGEMENTS = 610 * get_preset(PRESET).config.rollout_size, 10
+"""Actions between judgements, nearly 5 million, and how many there are: the preset's run. In MuJoCo an action lasts
+for one step."""
 COLUMNS = ("frames", "scores", "seconds")
 
 
-def train(seed: int, path: Path, actions: int) -> list[tuple[float, ...]]:
+def train(seed: int, path: Path) -> list[tuple[float, ...]]:
     """Train a seed; its points. The last policy is written to the path."""
     points: list[tuple[float, ...]] = []
     judging, start = 0.0, time.process_time()
@@ -46,7 +47,7 @@ def train(seed: int, path: Path, actions: int) -> list[tuple[float, ...]]:
         print(f"seed {seed}: {frames:,} frames, return {returns.mean():.1f}, {points[-1][2]:.0f} s", flush=True)
         judging += time.process_time() - begun
 
-    AREAPO(ID, PRESET, seed, evaluate_every=EVERY, checkpoint_every=actions).learn(actions, note)
+    AREAPO(ID, PRESET, seed, evaluate_every=EVERY, checkpoint_every=EVERY).learn(JUDGEMENTS * EVERY, note)
     return points
 
 
@@ -92,7 +93,7 @@ def main() -> None:
     for seed in range(options.first_seed, options.first_seed + options.seeds):
         if not Study(options.study).has(["acrobot-swingup"], seed):
             options.policies.mkdir(parents=True, exist_ok=True)
-            points = train(seed, options.policies / f"{seed}.safetensors", get_preset(PRESET).frames)
+            points = train(seed, options.policies / f"{seed}.safetensors")
             Study(options.study).add(["acrobot-swingup"], seed, points, COLUMNS)
     curves = Study(options.study).of("acrobot-swingup")
     print("\n| frames | processor, s | mean return of the seeds | each |\n|---:|---:|---:|---|")
