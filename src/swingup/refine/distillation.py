@@ -83,7 +83,7 @@ def distil(
         rate = settings.learning_rate * (1.0 if number == 1 else 0.6)
         optimiser = optax.adam(optax.cosine_decay_schedule(rate, steps))
         told = partial(progress, f"lessons {number} of {settings.rounds}")
-        student = _descend(student, teachers.base, dataset, settings, _key(random), steps, optimiser, told)
+        student = descend(student, teachers.base, dataset, settings, _key(random), steps, optimiser, told)
         tell(student, number)
     if steps := settings.score_steps:
         schedule = optax.warmup_cosine_decay_schedule(0.0, settings.score_rate, steps // 8, steps)
@@ -94,7 +94,7 @@ def distil(
             make_recoveries(student, teachers, settings, random) if settings.recovery_episodes else None,
         )
         told, key = partial(progress, "score"), _key(random)
-        student = _descend(student, teachers.base, dataset, settings, key, steps, optimiser, told, *ends)
+        student = descend(student, teachers.base, dataset, settings, key, steps, optimiser, told, *ends)
         tell(student, settings.rounds + 1)
     return eqx.tree_at(lambda c: c.policy, student, jax.tree.map(np.asarray, student.policy))
 
@@ -112,7 +112,7 @@ def new_student(
     return PolicyController(policy, recovery.torque_limit, recovery.robot, recovery.plant)
 
 
-def _descend(
+def descend(
     student: PolicyController,
     bases: Float[Array, "plants 9"],
     dataset: Dataset,
