@@ -108,8 +108,8 @@ def school(robot: Robot, design: str, folder: Path, plants: int, frames: int) ->
         random, own = np.random.default_rng(5), scales_of(nominal)
         draws = [similar_plant(drawn(random, design, robot), own) for _ in range(plants)]
         targets, start = jax.tree.map(lambda *each: np.array(each, float), *draws), similar_plant(nominal, own)
-        told = partial(print, design, flush=True)
-        found = continue_swingups(robot, targets, progress=told, nominal=start)
+        progress = partial(print, design, flush=True)
+        found = continue_swingups(robot, targets, progress=progress, nominal=start)
         copies = nominal_swingups(robot, COPIES, ContinuationSettings(), start)
         kept = jax.tree.map(lambda leaf: leaf[found.reached > 0], found)
         both = jax.tree.map(lambda *parts: np.concatenate(parts), kept, copies)
@@ -129,7 +129,9 @@ def school(robot: Robot, design: str, folder: Path, plants: int, frames: int) ->
     return School(teachers, single_precision(policy_alone(load_policy(place / BEST, robot))))
 
 
-def taught(schools: list[School], settings: DistillationSettings, random: np.random.Generator) -> PolicyController:
+def student_of(
+    schools: list[School], settings: DistillationSettings, random: np.random.Generator
+) -> PolicyController:
     """The student of all schools, by the rounds of ``distil``."""
     bases = np.concatenate([np.asarray(each.teachers.base) for each in schools])
     first = np.cumsum([0, *(each.teachers.number for each in schools)])
@@ -161,8 +163,8 @@ def taught(schools: list[School], settings: DistillationSettings, random: np.ran
         steps = settings.steps if number in (1, settings.rounds) else settings.steps // 2
         rate = settings.learning_rate * (1.0 if number == 1 else 0.6)
         optimiser = optax.adam(optax.cosine_decay_schedule(rate, steps))
-        key, told = jax.random.key(int(random.integers(2**31))), partial(print, "lessons", number, flush=True)
-        student = descend(student, jnp.asarray(bases), dataset, settings, key, steps, optimiser, told)
+        key, progress = jax.random.key(int(random.integers(2**31))), partial(print, "lessons", number, flush=True)
+        student = descend(student, jnp.asarray(bases), dataset, settings, key, steps, optimiser, progress)
     return student
 
 
@@ -176,7 +178,7 @@ def widest(design: str, share: float) -> tuple[float, Domain]:
     raise SwingupError(f"draws about {design} are no pendulums: give a smaller --share")
 
 
-def told(student: PolicyController, domain: Domain, robot: Robot) -> Any:
+def behind_identifier(student: PolicyController, domain: Domain, robot: Robot) -> Any:
     """The student behind estimator, identifier and regulator, told a domain's nominal plant alone."""
     facts = policy_plant(first_plant(domain, robot), robot)
     own = in_units(student, arm_scales(facts))
@@ -209,7 +211,7 @@ def main() -> None:
     settings = DistillationSettings(
         anywhere=ANYWHERE * len(schools), steps=options.steps, duration=3.0, score_steps=0
     )
-    student = taught(schools, settings, np.random.default_rng(11))
+    student = student_of(schools, settings, np.random.default_rng(11))
     for design, (teachers, _) in zip(options.designs, schools, strict=True):
         print(
             f"{design}: {100 * swings_up(student, teachers, 4.0).mean():.0f} % up where it is told its plants",
@@ -218,7 +220,9 @@ def main() -> None:
     print("| design | draws within | successes |\n|---|---:|---:|")
     for design in options.judged:
         share, domain = widest(design, options.share)
-        result = judge(told(student, domain, robot), robot, "sim2real", options.seeds, seed=70_000, domain=domain)
+        result = judge(
+            behind_identifier(student, domain, robot), robot, "sim2real", options.seeds, seed=70_000, domain=domain
+        )
         print(f"| {design} | {100 * share:g} % | {result.successes} of {options.seeds} |", flush=True)
 
 

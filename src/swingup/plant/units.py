@@ -6,8 +6,8 @@ J = M11, and the torque of gravity on it when level is Γ:
     J = I1 + I2 + m2 l1² + 2 m2 l1 r2,    Γ = (m1 r1 + m2 l1 + m2 r2) g,    T = √(J / Γ)
 
 The body's small swings have the angular frequency 1/T, and its fall from upright grows e-fold in T. T is the unit
-of time, and the motor's torque limit that of torque. Ratios remain: two pendulums move alike only if their other
-parameters are equal in these units.
+of time, the motor's torque limit that of torque, and the upper link that of length. Ratios remain: two pendulums
+move alike only if their other parameters are equal in these units.
 
 Numbers are written down for C.1, with their units in their fields' annotations: :func:`scaled` multiplies them, and
 :func:`similar_plant` divides a plant's own. Nothing else knows how a unit scales: what is not a record is
