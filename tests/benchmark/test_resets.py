@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from swingup.loop.supervisors.limits import Limits, Stop
-from swingup.loop.supervisors.resets import Resets, ResetSupervisor, start_resets, step_resets
+from swingup.loop.supervisors.resets import Resets
 from swingup.loop.supervisors.throws import Thrower
 from swingup.plant.plant import LEADERBOARD
 from swingup.plant.robots import get_robot
@@ -18,6 +18,7 @@ MODEL = LEADERBOARD.driven(get_robot("acrobot"))
 ANGLE, SPEED = 3.5 * math.pi, 20.0
 GOALS = np.random.default_rng(3).uniform(-math.pi, math.pi, (101, 2))
 PID = Thrower(kp=2.0, ki=0.0, kd=0.3, dt=0.001, limit=6.0, proportional_limit=3.0)
+NO_STOP = Stop(Limits(math.inf, math.inf))
 
 
 CALLS = 3500
@@ -28,10 +29,10 @@ def called(resets, times, states):
     """Torques and memories, call by call."""
 
     def call(memory, given):
-        after, torque = step_resets(resets, memory, *given)
-        return after, (torque, after)
+        after, done = resets(memory, *given)
+        return after, (done.torque, after)
 
-    return jax.lax.scan(call, start_resets(resets, times.dtype), (times, states))[1]
+    return jax.lax.scan(call, resets.start(times.dtype), (times, states))[1]
 
 
 def follow(times, states, plan, goals=GOALS):
@@ -41,7 +42,7 @@ def follow(times, states, plan, goals=GOALS):
     plan = np.concatenate([plan, np.full(5 - len(plan), np.inf)])
     times, states = (np.pad(rows, [(0, CALLS - count)] + [(0, 0)] * (rows.ndim - 1)) for rows in (times, states))
     with jax.enable_x64(True):
-        resets = Resets(plan, goals, 1.0, 10, Limits(ANGLE, SPEED), PID, MODEL)
+        resets = Resets(plan, goals, 1.0, 10, Limits(ANGLE, SPEED), PID, MODEL, NO_STOP)
         torques, memories = jax.tree.map(np.asarray, called(resets, times, states))
     answers = [text(t, x) for t, x in zip(times[:count], states, strict=False)]
     expected = np.array([np.full(2, np.nan) if u is None else u for u in answers])
@@ -122,8 +123,8 @@ def test_a_reset_ends_after_ten_clean_samples():
 
 
 def test_the_robot_stops_at_wider_limits_and_brakes():
-    resets = Resets(np.array([30.0]), GOALS, 1.0, 10, Limits(ANGLE, SPEED), PID, MODEL)
-    supervisor = ResetSupervisor(resets, Stop(Limits(4 * math.pi, 25.0)))
+    stop = Stop(Limits(4 * math.pi, 25.0))
+    supervisor = Resets(np.array([30.0]), GOALS, 1.0, 10, Limits(ANGLE, SPEED), PID, MODEL, stop)
     with jax.enable_x64(True):
         memory, step = supervisor.start(np.dtype(float)), jax.jit(lambda *given: supervisor(*given))
         seen = []

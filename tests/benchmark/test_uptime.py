@@ -96,7 +96,7 @@ FRICTION = make_domain({"plant": "C.1", "design": "leaderboard", "passive_limit"
 def test_the_robots_rules_agree_with_a_numpy_loop(make, name, stop):
     rules = dataclasses.replace(BRIEF_REAL, stop=Limits(4 * math.pi, stop))
     found = judge(make(), name, rules, 1, seed=5, domain=FRICTION)
-    planned = draw_resets(rules, FRICTION.plant, 5).resets
+    planned = draw_resets(rules, FRICTION.plant, 5)
     assert planned.target.shape == (101, 2)
     model, plain = LEADERBOARD.driven(get_robot(name)).values(), PlainCounting()
     resets = ResetText(list(planned.plan), planned.target, model, (3.0, 8.0), rules.throw_duration)
@@ -124,7 +124,7 @@ def test_the_robots_rules_agree_with_a_numpy_loop(make, name, stop):
 
 def test_the_real_boards_resets_come_at_their_times():
     for seed in range(20):
-        plan = draw_resets(REAL, FRICTION.plant, seed).resets.plan
+        plan = draw_resets(REAL, FRICTION.plant, seed).plan
         # Means at 60/11 s, 120/11 s, ..., 600/11 s, within 1 s; never the same.
         assert np.all(np.abs(plan - 60 / 11 * np.arange(1, 11)) <= 1.0)
     assert (REAL.throw_duration, REAL.duration, REAL.runs) == (1.0, 60.0, 3)

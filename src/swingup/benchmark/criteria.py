@@ -5,7 +5,7 @@ Sums run over the rows k = 0 .. N-2 with Δt_k = t_{k+1} - t_k, standard deviati
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -66,8 +66,8 @@ class TipHistory:
 
     def as_dict(self) -> dict[str, Any]:
         """Ready for JSON."""
-        parts = {"failure": self.failure, "cause": self.cause}
-        return {"highest_tip": self.highest, "highest_tip_percent": self.percent, **parts}
+        heights = {"highest_tip": self.highest, "highest_tip_percent": self.percent}
+        return heights | {"failure": self.failure, "cause": self.cause}
 
 
 def compute_criteria(
@@ -84,9 +84,12 @@ def compute_criteria(
         rules: duration, line and normalisers.
     """
     dt = np.diff(time)
-    swingup_time = _swingup_time(time, x, l1, l2, rules)
-    # The benchmark compares the last time. The boards test the span as well.
-    long_enough = bool(time[-1] >= SHARE * rules.duration)
+    # The benchmark looks neither at the first row nor at the last.
+    up = tip_is_up(x, l1, l2, rules.height)[1:-1]
+    below = np.flatnonzero(~up)
+    start = int(below[-1]) + 1 if below.size else 0
+    # It compares the last time. The boards test the span as well.
+    success = start < up.size and bool(time[-1] >= SHARE * rules.duration)
     costs = {
         # Absolute values: the benchmark counts braking as work, too.
         "energy": float(np.sum(np.abs(np.diff(x[:, :2], axis=0) * u[:-1]))),
@@ -94,30 +97,25 @@ def compute_criteria(
         "torque_smoothness": float(np.sum(np.std(np.diff(u, axis=0), axis=0))),
         "velocity_cost": float(np.sum(np.sum(x[:-1, 2:] ** 2, axis=1) * dt)),
     }
-    if swingup_time is None or not long_enough:
+    if not success:
         return Criteria(success=False, swingup_time=None, **costs, score=0.0)
+    # The first row was cut off: entry 0 of `up` is row 1.
+    swingup_time = float(time[1 + start])
     score = realai_score({"swingup_time": swingup_time, **costs}, rules.normalisers)
     return Criteria(success=True, swingup_time=swingup_time, **costs, score=score)
 
 
-def follow_tip(
-    time: np.ndarray,
-    x: np.ndarray,
-    l1: float,
-    l2: float,
-    rules: "SwingUpBoard",
-    limits: Limits | None = None,
-    hold: float | None = None,
-) -> TipHistory:
+def follow_tip(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: "SwingUpBoard") -> TipHistory:
     """How high the tip came, and why the run failed if it did; arguments as of :func:`compute_criteria`.
 
-    A run also fails where joints exceed ``limits``, or where the tip is not up in its last ``hold`` seconds.
+    A run also fails beyond the rules' limits, unless the robot itself stops there.
     """
-    reach, height = l1 + l2, tip_heights(x, l1, l2)
-    highest = float(height.max())
-    failure, cause = _limit_passed(time, x, l1, l2, rules, limits)
-    if cause is not None:
-        return TipHistory(highest, reach, failure, cause)
+    reach, hold, failure, cause = l1 + l2, rules.hold, None, None
+    highest = float(tip_heights(x, l1, l2).max())
+    if rules.limits is not None and not rules.stops:
+        failure = _limit_passed(time, x, l1, l2, rules.height, rules.limits)
+    if failure is not None:
+        return TipHistory(highest, reach, failure, "beyond a limit")
     # The benchmark looks neither at the first row nor at the last.
     every = tip_is_up(x, l1, l2, rules.height)
     up, times = every[1:-1], time[1:-1]
@@ -137,25 +135,20 @@ def follow_tip(
 
 
 def _limit_passed(
-    time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: "SwingUpBoard", limits: Limits | None
-) -> tuple[str | None, str | None]:
-    """Which joint first passed which limit, when and in which phase, and the failure's kind."""
+    time: np.ndarray, x: np.ndarray, l1: float, l2: float, fraction: float, limits: Limits
+) -> str | None:
+    """Which joint first passed which limit, when and in which phase."""
+    most = np.array([limits.angle, limits.angle, limits.speed, limits.speed])
     # Negated, so that a state that has diverged is beyond them.
-    most = None if limits is None else np.array([limits.angle, limits.angle, limits.speed, limits.speed])
-    beyond = np.zeros(x.shape, bool) if most is None else ~(np.abs(x) <= most)
-    if most is None or not beyond.any():
-        return None, None
+    beyond = ~(np.abs(x) <= most)
+    if not beyond.any():
+        return None
     row = int(beyond.any(axis=1).argmax())
     place = int(beyond[row].argmax())
-    phase = "at the top" if tip_is_up(x[:row], l1, l2, rules.height).any() else "swinging up"
+    phase = "at the top" if tip_is_up(x[:row], l1, l2, fraction).any() else "swinging up"
     limit = f"{most[place]:.4g} {'rad' if place < 2 else 'rad/s'}"
     joint = ("shoulder", "elbow")[place % 2]
-    return f"{phase}, the {joint} passes {limit} at t = {time[row]:.3f} s", "beyond a limit"
-
-
-def failed(criteria: Criteria) -> Criteria:
-    """The costs of a run, counted as a failure."""
-    return replace(criteria, success=False, swingup_time=None, score=0.0)
+    return f"{phase}, the {joint} passes {limit} at t = {time[row]:.3f} s"
 
 
 def realai_score(costs: Mapping[str, Any], normalisers: Normalisers, tanh: Callable[..., Any] = math.tanh) -> Any:
@@ -170,23 +163,7 @@ def tip_is_up(x: np.ndarray, l1: float, l2: float, fraction: float) -> np.ndarra
     return tip_heights(x, l1, l2) > fraction * (l1 + l2)
 
 
-def time_up(time: np.ndarray, x: np.ndarray, l1: float, l2: float, fraction: float) -> float:
-    """Σ Δt_k of the recorded rows that are up (s), Δt_k = t_k - t_{k-1} and Δt_0 = 0; lengths in m."""
-    return float(np.diff(time, prepend=time[0])[tip_is_up(x, l1, l2, fraction)].sum())
-
-
 def tip_heights(x: np.ndarray, l1: float, l2: float) -> np.ndarray:
     """Height of the tip above the shoulder (m), for states of shape (..., 4); lengths in m."""
     height: np.ndarray = -l1 * np.cos(x[..., 0]) - l2 * np.cos(x[..., 0] + x[..., 1])
     return height
-
-
-def _swingup_time(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: "SwingUpBoard") -> float | None:
-    # The benchmark looks neither at the first row nor at the last.
-    up = tip_is_up(x, l1, l2, rules.height)[1:-1]
-    if up.size == 0 or not up[-1]:
-        return None
-    below = np.flatnonzero(~up)
-    start = 0 if below.size == 0 else int(below[-1]) + 1
-    # The first row was cut off: entry 0 of `up` is row 1.
-    return float(time[1 + start])

@@ -15,7 +15,7 @@ from ..plant.robots import Robot
 from ..plant.units import scaled, scales_of
 from .board import AbstractBoard, Case, Run, Setting, Summary, summed_scores
 from .columns import PERFORMANCE
-from .criteria import SHARE, compute_criteria, failed, follow_tip
+from .criteria import SHARE, compute_criteria, follow_tip
 from .disturbances import draw_pushes
 from .rollout import Scenario, Trajectory
 from .rules import Normalisers, PushRules
@@ -98,23 +98,19 @@ class SwingUpBoard(AbstractBoard):
         time = time - min(0.0, time[0])  # no negative swing-up times
         criteria = compute_criteria(time, x, u, *lengths, self)
         if stop is not None or fault is not None or time[-1] - time[0] < SHARE * self.duration:
-            criteria = failed(criteria)
-        tip = follow_tip(time, x, *lengths, self, None if self.stops else self.limits, self.hold)
+            criteria = replace(criteria, success=False, swingup_time=None, score=0.0)
+        tip = follow_tip(time, x, *lengths, self)
         if stop is not None:
             tip = replace(tip, failure=f"the robot stops it at t = {stop:.3f} s", cause="stopped")
         success = tip.failure is None and fault is None
-        score = criteria.score if success else 0.0
         speed, angle = float(np.abs(x[:, 2:]).max()), float(np.abs(x[:, :2]).max())
-        return Run(case, success, score, fault, criteria, tip, speed, angle, stop)
+        return Run(case, success, criteria.score if success else 0.0, fault, criteria, tip, speed, angle, stop)
 
     def summarise(self, runs: Sequence[Run], seeds: Sequence[int]) -> Summary:
         """Means over the runs; a swing-up time is that of the successes."""
         values, intervals = summed_scores(runs)
         if self.domain is not None:
             return {"swingups": 100.0 * sum(run.success for run in runs) / len(runs), **values}, intervals
-        return {name: _mean([getattr(run.criteria, name) for run in runs]) for name in PERFORMANCE}, intervals
-
-
-def _mean(values: Sequence[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return fmean(known) if known else None
+        columns = {name: [getattr(run.criteria, name) for run in runs] for name in PERFORMANCE}
+        known = {name: [each for each in column if each is not None] for name, column in columns.items()}
+        return {name: fmean(column) if column else None for name, column in known.items()}, intervals

@@ -11,13 +11,13 @@ from ..dynamics.integrate import stable_substeps
 from ..loop.draw import draw
 from ..loop.supervisors.cell import Cell, CellSettings, example_disturbances
 from ..loop.supervisors.limits import Limits, Stop
-from ..loop.supervisors.resets import Resets, ResetSupervisor
+from ..loop.supervisors.resets import Resets
 from ..loop.supervisors.supervisor import AbstractSupervisor
 from ..loop.supervisors.throws import THROWER, Thrower, Throws
 from ..plant.plant import Plant
 from ..plant.units import TIME, scaled, scales_of
 from .board import AbstractBoard, Case, Run, Setting, Summary, summed_scores
-from .criteria import SHARE, TipHistory, time_up, tip_heights, tip_is_up
+from .criteria import SHARE, TipHistory, tip_heights, tip_is_up
 from .rollout import Scenario, Trajectory
 
 
@@ -93,9 +93,11 @@ class UptimeBoard(AbstractBoard):
         """
         time, x = np.asarray(rows.time), np.asarray(rows.x)
         lengths = float(case.scenario.parameters.l1), float(case.scenario.parameters.l2)
-        share = 0.0 if fault else time_up(time, x, *lengths, self.height) / self.duration
+        up = tip_is_up(x, *lengths, self.height)
+        # Each row has the time since the one before it.
+        share = 0.0 if fault else float(np.diff(time, prepend=time[0])[up].sum()) / self.duration
         whole = time[-1] - time[0] >= SHARE * self.duration
-        success = bool(whole and stop is None and fault is None and tip_is_up(x[-1], *lengths, self.height))
+        success = bool(whole and stop is None and fault is None and up[-1])
         tip = TipHistory(float(tip_heights(x, *lengths).max()), sum(lengths), None)
         return Run(case, success, share, fault, tip=tip, stop=stop)
 
@@ -119,18 +121,15 @@ def draw_throws(board: UptimeBoard, model: Plant, seed: int) -> Throws:
     return Throws(number, target, board.thrower, model)
 
 
-def draw_resets(board: UptimeBoard, model: Plant, seed: int) -> ResetSupervisor:
-    """Random resets on a robot: when they are planned, and where they aim.
-
-    The PID compensates the gravity of the nominal model, whatever the plant.
-    """
+def draw_resets(board: UptimeBoard, model: Plant, seed: int) -> Resets:
+    """Random resets on a robot; the PID compensates the gravity of the nominal model, whatever the plant."""
     assert board.limits is not None
     assert board.stop is not None
     random = np.random.default_rng(seed)
     plan = _plan(board, random)
     target = random.uniform(-np.pi, np.pi, (board.goals or board.throws, 2))
-    resets = Resets(plan, target, board.throw_duration, board.clean, board.limits, board.thrower, model)
-    return ResetSupervisor(resets, Stop(board.stop))
+    known = board.throw_duration, board.clean, board.limits, board.thrower, model
+    return Resets(plan, target, *known, Stop(board.stop))
 
 
 def draw_cell(board: UptimeBoard, model: Plant, seed: int) -> Cell:

@@ -11,30 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...common.types import Count, Flag, Scalar, State, Torque
+from ...common.types import Count, Flag, Scalar, State
 from ...plant.plant import Plant
 from .limits import Limits, Stop
 from .supervisor import AbstractSupervisor, Intervention
 from .throws import PID, Thrower, start_pid, throwing_torque
-
-
-class Resets(eqx.Module):
-    """When resets are planned, where they aim, when they end, and the limits at which they come unplanned."""
-
-    plan: Float[Array | np.ndarray, "resets"]
-    """Planned times, in order (s)."""
-    target: Float[Array | np.ndarray, "goals 2"]
-    """Angles that one reset after another aims at (rad)."""
-    duration: float | Scalar
-    """A reset lasts longer than this (s)."""
-    clean: int | Count
-    """A reset ends only after this many samples in a row within the limits, the present one included."""
-    limits: Limits
-    """Beyond these a reset begins at once."""
-    thrower: Thrower
-    """The PID."""
-    model: Plant
-    """The model with which it compensates gravity."""
 
 
 class ResetMemory(eqx.Module):
@@ -57,73 +38,65 @@ class ResetMemory(eqx.Module):
     clean: Count
     """Samples since the last that exceeded a limit."""
     pid: PID
+    stopped: Flag
 
 
-class ResetSupervisor(AbstractSupervisor[tuple[ResetMemory, Flag]]):
-    """Resets the pendulum by plan and at limits, and stops the run at wider limits."""
+class Resets(AbstractSupervisor[ResetMemory]):
+    """Throws the pendulum by plan and at limits, and stops the run at wider limits."""
 
-    resets: Resets
+    plan: Float[Array | np.ndarray, "resets"]
+    """Planned times, in order (s)."""
+    target: Float[Array | np.ndarray, "goals 2"]
+    """Angles that one reset after another aims at (rad)."""
+    duration: float | Scalar
+    """A reset lasts longer than this (s)."""
+    clean: int | Count
+    """A reset ends only after this many samples in a row within the limits, the present one included."""
+    limits: Limits
+    """Beyond these a reset begins at once."""
+    thrower: Thrower
+    """The PID."""
+    model: Plant
+    """The model with which it compensates gravity."""
     stop: Stop
 
-    def start(self, dtype: jnp.dtype) -> tuple[ResetMemory, Flag]:
+    def start(self, dtype: jnp.dtype) -> ResetMemory:
         """No reset so far, and not stopped."""
-        return start_resets(self.resets, dtype), self.stop.start(dtype)
-
-    def __call__(
-        self, memory: tuple[ResetMemory, Flag], t: Scalar, x: State
-    ) -> tuple[tuple[ResetMemory, Flag], Intervention]:
-        """The PID drives during a reset, the brake after a stop."""
-        resets, torque = step_resets(self.resets, memory[0], t, x)
-        stopped, end = self.stop(memory[1], t, x)
-        done = Intervention(resets.active | stopped, jnp.where(stopped, end.torque, torque), end.push, stopped)
-        return (resets, stopped), done
-
-
-def start_resets(resets: Resets, dtype: jnp.dtype) -> ResetMemory:
-    """The resets before the first call of a run."""
-    zero, nothing = jnp.zeros((), dtype), jnp.zeros((), int)
-    return ResetMemory(
-        active=jnp.array(False),
-        begun=nothing,
-        planned=nothing,
-        delay=zero,
-        before=zero,
-        clock=zero,
-        t=zero,
+        zero, nothing, no = jnp.zeros((), dtype), jnp.zeros((), int), jnp.array(False)
         # As if samples before the run had been clean.
-        clean=jnp.asarray(resets.clean, int),
-        pid=start_pid(dtype),
-    )
+        clean, pid = jnp.asarray(self.clean, int), start_pid(dtype)
+        return ResetMemory(no, nothing, nothing, zero, zero, zero, zero, clean, pid, self.stop.start(dtype))
 
+    def __call__(self, memory: ResetMemory, t: Scalar, x: State) -> tuple[ResetMemory, Intervention]:
+        """Begin or end a reset at time t (s), in which the PID drives; after a stop it is the brake.
 
-def step_resets(resets: Resets, memory: ResetMemory, t: Scalar, x: State) -> tuple[ResetMemory, Torque]:
-    """One call: begin or end a reset at time t (s) for the measured state x, and compute the PID's torque (N m).
-
-    A reset that is due counts as planned, though a limit is exceeded as well. The torque drives both joints where a
-    reset is active afterwards.
-    """
-    exceeded = resets.limits.exceeded(x)
-    clean = jnp.where(exceeded, 0, memory.clean + 1)
-    plan = jnp.append(jnp.asarray(resets.plan), jnp.inf)[memory.planned] + memory.delay
-    due = t >= plan
-    begins = ~memory.active & (due | exceeded)
-    clock = jnp.where(begins, 0.0, memory.clock)
-    # Never in the call that begins it, since the clock is 0 then.
-    active = (memory.active | begins) & ~((clock > resets.duration) & (clean >= resets.clean))
-    begun = memory.begun + begins
-    target = jnp.asarray(resets.target)[jnp.maximum(begun - 1, 0)]
-    thrown, torque = throwing_torque(resets.thrower, resets.model, memory.pid, target, x)
-    after = ResetMemory(
-        active=active,
-        begun=begun,
-        planned=memory.planned + (begins & due),
-        # The first reset has none before it: `before` is 0 then.
-        delay=jnp.where(begins & ~due, memory.delay + (t - memory.before), memory.delay),
-        before=jnp.where(begins, jnp.where(due, plan, t), memory.before),
-        clock=clock + jnp.where(active, t - memory.t, 0.0),
-        t=jnp.asarray(t, memory.t.dtype),
-        clean=clean,
-        # Between resets the PID rests.
-        pid=jax.tree.map(lambda new, old: jnp.where(active, new, old), thrown, memory.pid),
-    )
-    return after, torque
+        A reset that is due counts as planned, though a limit is exceeded as well.
+        """
+        exceeded = self.limits.exceeded(x)
+        clean = jnp.where(exceeded, 0, memory.clean + 1)
+        plan = jnp.append(jnp.asarray(self.plan), jnp.inf)[memory.planned] + memory.delay
+        due = t >= plan
+        begins = ~memory.active & (due | exceeded)
+        clock = jnp.where(begins, 0.0, memory.clock)
+        # Never in the call that begins it, since the clock is 0 then.
+        active = (memory.active | begins) & ~((clock > self.duration) & (clean >= self.clean))
+        begun = memory.begun + begins
+        target = jnp.asarray(self.target)[jnp.maximum(begun - 1, 0)]
+        thrown, torque = throwing_torque(self.thrower, self.model, memory.pid, target, x)
+        stopped, end = self.stop(memory.stopped, t, x)
+        after = ResetMemory(
+            active=active,
+            begun=begun,
+            planned=memory.planned + (begins & due),
+            # The first reset has none before it: `before` is 0 then.
+            delay=jnp.where(begins & ~due, memory.delay + (t - memory.before), memory.delay),
+            before=jnp.where(begins, jnp.where(due, plan, t), memory.before),
+            clock=clock + jnp.where(active, t - memory.t, 0.0),
+            t=jnp.asarray(t, memory.t.dtype),
+            clean=clean,
+            # Between resets the PID rests.
+            pid=jax.tree.map(lambda new, old: jnp.where(active, new, old), thrown, memory.pid),
+            stopped=stopped,
+        )
+        torque = jnp.where(stopped, end.torque, torque)
+        return after, Intervention(active | stopped, torque, end.push, stopped)
