@@ -10,28 +10,31 @@ from .common.errors import SwingupError
 from .common.version import __version__
 
 if TYPE_CHECKING:
-    from .benchmark.board import AbstractBoard
-    from .benchmark.boards import BOARDS
-    from .benchmark.disturbances import DisturbanceSettings
-    from .benchmark.judge import judge
-    from .benchmark.leaderboard import Table, leaderboard
-    from .benchmark.result import Result
-    from .benchmark.score import score
-    from .controllers.baselines.baselines import baseline
-    from .controllers.interface.check import check_controller
-    from .controllers.interface.compiled import loop_controller
-    from .controllers.interface.controller import AbstractController
-    from .controllers.registry import get_controller
-    from .export.realaigym import RealAIGymController
-    from .identification.identify import Identification, identify
-    from .learner.agent import AREAPO
-    from .plant.measured import measured_plant
-    from .plant.plant import Plant, load_plant
-    from .plant.save import save_plant
-    from .policy.shipped import load_policy
-    from .rehearsal.rehearse import rehearse
-    from .rehearsal.result import Rehearsal
-    from .sweep.search import search
+    from .benchmark.board import AbstractBoard as AbstractBoard
+    from .benchmark.boards import BOARDS as BOARDS
+    from .benchmark.disturbances import DisturbanceSettings as DisturbanceSettings
+    from .benchmark.judge import judge as judge
+    from .benchmark.leaderboard import Table as Table
+    from .benchmark.leaderboard import leaderboard as leaderboard
+    from .benchmark.result import Result as Result
+    from .benchmark.score import score as score
+    from .controllers.baselines.baselines import baseline as baseline
+    from .controllers.interface.check import check_controller as check_controller
+    from .controllers.interface.compiled import loop_controller as loop_controller
+    from .controllers.interface.controller import AbstractController as AbstractController
+    from .controllers.registry import get_controller as get_controller
+    from .export.realaigym import RealAIGymController as RealAIGymController
+    from .identification.identify import Identification as Identification
+    from .identification.identify import identify as identify
+    from .learner.agent import AREAPO as AREAPO
+    from .plant.measured import measured_plant as measured_plant
+    from .plant.plant import Plant as Plant
+    from .plant.plant import load_plant as load_plant
+    from .plant.save import save_plant as save_plant
+    from .policy.shipped import load_policy as load_policy
+    from .rehearsal.rehearse import rehearse as rehearse
+    from .rehearsal.result import Rehearsal as Rehearsal
+    from .sweep.search import search as search
 
 _HOMES = {
     "AREAPO": "learner.agent",
@@ -61,35 +64,7 @@ _HOMES = {
     "search": "sweep.search",
 }
 
-__all__ = [
-    "AREAPO",
-    "BOARDS",
-    "AbstractBoard",
-    "AbstractController",
-    "DisturbanceSettings",
-    "Identification",
-    "Plant",
-    "RealAIGymController",
-    "Rehearsal",
-    "Result",
-    "SwingupError",
-    "Table",
-    "__version__",
-    "baseline",
-    "check_controller",
-    "get_controller",
-    "identify",
-    "judge",
-    "leaderboard",
-    "load_plant",
-    "load_policy",
-    "loop_controller",
-    "measured_plant",
-    "rehearse",
-    "save_plant",
-    "score",
-    "search",
-]  # fmt: skip
+__all__ = ["SwingupError", "__version__", *_HOMES]
 
 
 def __getattr__(name: str) -> Any:

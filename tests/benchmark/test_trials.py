@@ -11,7 +11,7 @@ from swingup.benchmark.board import Setting
 from swingup.benchmark.boards import BOARDS, IROS_REAL
 from swingup.benchmark.criteria import realai_score
 from swingup.benchmark.judge import judge
-from swingup.benchmark.recording import recorded, stopped_at
+from swingup.benchmark.recording import recorded
 from swingup.benchmark.rollout import Record, Trajectory
 from swingup.benchmark.score import score
 from swingup.loop.domain import make_domain
@@ -95,13 +95,13 @@ def test_a_record_ends_with_the_time_of_the_rules():
     over = np.array([False, False, False, False, False, True])
     x, u = np.arange(24.0).reshape(6, 4), np.arange(12.0).reshape(6, 2)
     rows = Trajectory(time, np.zeros((6, 4)), np.zeros((6, 2)), Record(x, u, over))
-    record = recorded(rows, 1.0)
+    record, stop = recorded(rows, 1.0)
     assert record.time.tolist() == [0.0, 0.3, 0.6, 0.8]
     np.testing.assert_array_equal(record.x, x[:4])
     np.testing.assert_array_equal(record.u, u[:4])
     # It stopped after the time of the rules, which does not count.
-    assert stopped_at(rows, 1.0) is None
-    assert stopped_at(rows, 2.0) == 1.3
+    assert stop is None
+    assert recorded(rows, 2.0)[1] == 1.3
 
 
 @pytest.mark.parametrize(

@@ -200,7 +200,9 @@ def test_seeds_train_as_each_does_alone(tmp_path):
     best = [row["best_score"] for row in reports[-1].rows]
     assert reports[-1].best_score == max(best)
     alone = AREAPO(Noisy, seed=4, **TINY).learn(192)
-    pairs = zip(*(jax.tree.leaves(each.actor) for each in (model._run.policy(1), alone._run.policy())), strict=True)
+    pairs = zip(
+        *(jax.tree.leaves(each.actor) for each in (model._run.policies()[1], alone._run.policies()[0])), strict=True
+    )
     assert all(np.array_equal(one, other) for one, other in pairs)
     # The learner acts by the best seed, also where it was loaded.
     assert model._run.progress.best_seed == best.index(max(best))

@@ -52,7 +52,7 @@ def test_killed_and_resumed_equals_uninterrupted(tmp_path, option, env):
     costs = {row["reset_cost"] for row in measured(tmp_path / "part")}
     assert (len(costs) > 1) == (option == "adaptive")
     loaded, _ = load_any_policy(tmp_path / "whole" / "last.safetensors")
-    kept = run.policy().actor
+    kept = run.policies()[0].actor
     assert loaded.actor.activation == kept.activation
     # A file does not say that the deviation's weights were not to learn: they are 0.
     for found, expected in zip(jax.tree.leaves(loaded.actor), jax.tree.leaves(kept), strict=True):

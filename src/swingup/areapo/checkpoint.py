@@ -25,7 +25,8 @@ def save_checkpoint(path: str | Path, tree: Any, metadata: Mapping[str, Any]) ->
         CHECKPOINT_FORMAT,
         CHECKPOINT_VERSION,
         metadata,
-        {name: _to_numpy(leaf) for name, leaf in _named(tree)},
+        # NumPy has no type for keys; their words are ordinary numbers.
+        {name: np.asarray(jax.random.key_data(leaf) if _is_key(leaf) else leaf) for name, leaf in _named(tree)},
     )
 
 
@@ -33,7 +34,8 @@ def load_checkpoint(path: str | Path, like: Tree) -> tuple[Tree, dict[str, Any]]
     """Read a pytree of the structure, shapes and types of ``like`` (arrays or their shapes), and the metadata."""
     needed = dict(_named(like))
     # A configuration may need large arrays; any other file stays below the common bound.
-    most = max(LARGEST_ARRAYS, sum(map(_size, needed.values())))
+    sizes = [math.prod(kind.shape) * np.dtype(kind.dtype).itemsize for kind in map(_kind, needed.values())]
+    most = max(LARGEST_ARRAYS, sum(sizes))
     # Arrays with other names are not read: a foreign file costs no memory.
     metadata, arrays = load_arrays(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION, needed.__contains__, most)
     leaves = []
@@ -58,20 +60,9 @@ def _is_key(leaf: Any) -> bool:
     return bool(jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key))
 
 
-def _to_numpy(leaf: Any) -> np.ndarray:
-    # NumPy has no type for keys; their words are ordinary numbers.
-    return np.asarray(jax.random.key_data(leaf) if _is_key(leaf) else leaf)
-
-
 def _kind(expected: Any) -> Any:
     """Shape and type of a leaf as it is stored: a key as its numbers."""
     return jax.eval_shape(jax.random.key_data, expected) if _is_key(expected) else expected
-
-
-def _size(expected: Any) -> int:
-    """Bytes of a stored leaf."""
-    kind = _kind(expected)
-    return math.prod(kind.shape) * np.dtype(kind.dtype).itemsize
 
 
 def _from_numpy(path: str | Path, name: str, array: np.ndarray, expected: Any) -> Any:

@@ -13,8 +13,6 @@ from jaxtyping import Float
 from ..plant.equations import friction, gravity, lump, mass_entries
 from ..plant.plant import Plant
 
-SLOPE_WINDOW = 0.02
-"""Time over which angles give velocities (s), in C.1's units."""
 MOMENTUM_WINDOW = 0.5
 """Time over which a joint's momentum is balanced (s): a push of the robots' boards adds 0.4 N m to its mean."""
 
@@ -26,15 +24,6 @@ class Unexplained(NamedTuple):
     """Largest rise of the energy since the start beyond the torques' work (J)."""
     torques: Float[np.ndarray, "2"]
     """Largest mean torque that each joint needs within a window beside gravity and its motor (N m)."""
-
-
-def slopes(time: np.ndarray, angles: np.ndarray, window: float) -> Float[np.ndarray, "rows 2"]:
-    """Velocities from angles alone (rad/s): central differences over a window (s)."""
-    q, rows, last = np.unwrap(angles, axis=0), np.arange(len(time)), len(time) - 1
-    reach = max(1, round(0.5 * window / float(np.median(np.diff(time)))))
-    before, after = np.maximum(rows - reach, 0), np.minimum(rows + reach, last)
-    found: np.ndarray = (q[after] - q[before]) / (time[after] - time[before])[:, None]
-    return found
 
 
 def unexplained(

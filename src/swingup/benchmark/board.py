@@ -73,15 +73,8 @@ class Run:
         tip = {} if self.tip is None else self.tip.as_dict()
         others = {name: getattr(self, name) for name in ("fault", "speed", "angle", "stop")}
         measured = {name: value for name, value in others.items() if value is not None}
-        return {
-            **head,
-            **self.case.settings,
-            **costs,
-            **tip,
-            **measured,
-            "success": self.success,
-            "score": self.score,
-        }
+        shown = head | dict(self.case.settings) | costs | tip | measured
+        return shown | {"success": self.success, "score": self.score}
 
 
 Summary = tuple[dict[str, float | None], dict[str, Interval]]

@@ -36,18 +36,13 @@ class DisturbanceSettings:
         """Refuse values that are out of range."""
         pushes: object = self.pushes
         if isinstance(pushes, bool):
-            wanted = "use PushRules() for those of the robustness board"
-            raise SwingupError(f"pushes = {pushes} are not rules: {wanted}")
+            raise SwingupError(f"pushes = {pushes} are not rules: use PushRules() for the robustness board's")
         for name in ("velocity_noise", "torque_noise", "delay"):
             finite_number(name, getattr(self, name), 0.0, LARGEST_DISTURBANCE)
         finite_number("torque_response", self.torque_response, -LARGEST_DISTURBANCE, LARGEST_DISTURBANCE)
 
     def draw(self, dt: float, duration: float, seed: int) -> Disturbance:
-        """The disturbance of one run of a duration (s) in steps of dt (s), with the noise and pushes of a seed.
-
-        Raises:
-            SwingupError: the delay has too many steps, or the pushes do not fit into the run.
-        """
+        """The disturbance of one run of a duration (s) in steps of dt (s), with the noise and pushes of a seed."""
         calm = undisturbed() if self.pushes is None else undisturbed(self.pushes.pushes)
         random = np.random.default_rng(seed)
         noises = {name: float(getattr(self, name)) for name in ("velocity_noise", "torque_noise")}

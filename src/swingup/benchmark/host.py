@@ -1,6 +1,7 @@
 """The closed loop with controllers in plain Python: their calls between compiled half steps of many simulations."""
 
 from collections.abc import Callable, Sequence
+from statistics import median
 from time import perf_counter
 
 import jax
@@ -8,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common.errors import SwingupError
-from ..controllers.interface.call_time import middle
 from ..controllers.interface.python_controller import Answer, PythonController, answer
 from .rollout import (
     LoopState,
@@ -69,7 +69,7 @@ def simulate_on_host(
         if step == 2:  # both halves are compiled
             began = perf_counter()
         if step == TIMED_STEPS and timed is not None:
-            timed((perf_counter() - began) / (TIMED_STEPS - 2), middle(took) or 0.0)
+            timed((perf_counter() - began) / (TIMED_STEPS - 2), median(took) if took else 0.0)
         if keep:
             x[:, step] = loop.x
         loop, state, called = _measure(scenarios, loop, np.int64(step), dt)
@@ -97,7 +97,7 @@ def simulate_on_host(
             u[:, step] = loop.u
     kept_record = None if scenarios.supervisor is None else written
     rows = Trajectory(time=time, x=x, u=u, record=kept_record) if keep else None
-    return SimulatedBatch(np.asarray(loop.x), faults, rows, middle(took))
+    return SimulatedBatch(np.asarray(loop.x), faults, rows, median(took) if took else None)
 
 
 def _silent(x: np.ndarray, t: float) -> None:

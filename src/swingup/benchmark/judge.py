@@ -8,8 +8,7 @@ import jax
 import numpy as np
 
 from ..common.cores import cores
-from ..common.errors import SwingupError
-from ..common.foreign import naming
+from ..common.errors import SwingupError, naming
 from ..common.text import quoted
 from ..controllers.interface.call_time import announce, call_time, slow_call
 from ..controllers.interface.controller import AbstractController
@@ -21,7 +20,7 @@ from ..plant.robots import Robot, get_robot
 from .board import AbstractBoard, Case, Run, Setting
 from .boards import get_board
 from .disturbances import DisturbanceSettings
-from .recording import recorded, stopped_at
+from .recording import recorded
 from .result import Result
 from .rollout import SimulatedBatch, Trajectory
 from .runner import Progress, prepare, run_many, stack
@@ -72,7 +71,7 @@ def judge(
         every = every[:1]
     board = board.on(setting)
     estimator, controller = has_estimator(controller), prepare(controller, setting.robot, name, setting.nominal)
-    with naming(name):
+    with naming(f"controller {name!r}"):
         took = call_time(controller, board.dt) if isinstance(controller, AbstractController) else None
     runs: list[Run] = []
     first = None
@@ -88,7 +87,7 @@ def judge(
             if progress is not None:
                 progress(before + done, total)
 
-        with naming(name):
+        with naming(f"controller {name!r}"):
             batch = run_cases(controller, board, setting, cases, told)
         took = took or batch.call_time
         for index, (case, fault) in enumerate(zip(cases, batch.faults, strict=True)):
@@ -167,4 +166,4 @@ def _counted(batch: SimulatedBatch, index: int, board: AbstractBoard) -> tuple[T
     if batch.trajectory is None:
         return Trajectory(np.array([board.duration]), batch.final[index][None], np.zeros((1, 2))), None
     rows = jax.tree.map(lambda each: np.asarray(each)[index], batch.trajectory)
-    return recorded(rows, board.duration), stopped_at(rows, board.duration)
+    return recorded(rows, board.duration)

@@ -18,11 +18,12 @@ from jaxtyping import Float
 from ..common.checks import LARGEST_NUMBER
 from ..dynamics.angles import wrap_difference
 from ..dynamics.integrate import rk4_steps, stable_substeps
+from ..identification.log.log_checks import SLOPE_WINDOW, slopes_of
 from ..plant.equations import lump
 from ..plant.plant import LEADERBOARD, Plant, load_plant
 from ..plant.robots import Robot
 from ..plant.units import TIME, VELOCITY, Scales, scales_of
-from .balance import SLOPE_WINDOW, rows_in, running, slopes, unexplained
+from .balance import rows_in, running, unexplained
 from .board import AbstractBoard
 from .criteria import SHARE
 from .rollout import Trajectory
@@ -117,7 +118,9 @@ def examine(
 
     The plant is the recording's, with or without its friction; the leaderboards' has that of design C.1.
     """
-    plants = _possible_plants(plant, robot)
+    # A simulated recording has the frictionless plant, a robot's has friction.
+    ideal, real = (plant, load_plant("C.1")) if plant == LEADERBOARD else (plant.frictionless(), plant)
+    plants = ideal.driven(robot), real
     scored = isinstance(board, SwingUpBoard)
     anywhere = isinstance(board, UptimeBoard) and board.cell is not None
     time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
@@ -126,7 +129,8 @@ def examine(
         slip = _slip(period, x)
         simulated = _is_simulated(period, x, slip)
         # A simulation's velocities are those of its angles, and finer at high speeds.
-        rates = x[:, 2:] if simulated else slopes(time, x[:, :2], scales.scaled(SLOPE_WINDOW, TIME))
+        window = scales.scaled(SLOPE_WINDOW, TIME)
+        rates = x[:, 2:] if simulated else slopes_of(time, np.unwrap(x[:, :2], axis=0), window)
         return [
             *_short_span(time, board.duration, "it scores 0" if scored else "the rest counts as down"),
             *_periods(period, refuses=scored),
@@ -145,13 +149,6 @@ def examine(
 
 
 _Found = Iterator[Finding]
-
-
-def _possible_plants(found: Plant, robot: Robot) -> tuple[Plant, Plant]:
-    """A simulated recording has the frictionless plant, a robot's has friction."""
-    if found == LEADERBOARD:
-        return found.driven(robot), load_plant("C.1")
-    return found.frictionless().driven(robot), found
 
 
 def _short_span(time: np.ndarray, duration: float, consequence: str) -> _Found:

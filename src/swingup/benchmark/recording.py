@@ -57,28 +57,21 @@ def scorable_rows(trajectory: Trajectory) -> Rows:
     return rows
 
 
-def recorded(rows: Trajectory, duration: float) -> Trajectory:
-    """What counts of one simulated run of a duration (s): rows until it diverged, it stopped, or time was up.
+def recorded(rows: Trajectory, duration: float) -> tuple[Trajectory, float | None]:
+    """What counts of one simulated run of a duration (s), and when the robot stopped it (s), if it did.
 
-    On a robot it is what the robot writes down: measured states, and the torques that were asked for. Late turns
-    make a simulation longer than the run.
+    It is the rows until the run diverged, it stopped, or time was up; on a robot what the robot writes down:
+    measured states, and the torques that were asked for. Late turns make a simulation longer than the run.
     """
     time, x, u = (np.asarray(part) for part in (rows.time, rows.x, rows.u))
-    kept = time < duration
+    kept, stop = time < duration, None
     if rows.record is not None:
-        x, u = np.asarray(rows.record.x), np.asarray(rows.record.u)
-        kept &= ~np.asarray(rows.record.over)
+        x, u, over = (np.asarray(part) for part in (rows.record.x, rows.record.u, rows.record.over))
+        stop = float(time[kept & over][0]) if (kept & over).any() else None
+        kept &= ~over
     kept &= np.logical_and.accumulate(np.isfinite(x).all(axis=1))
     kept[:LEAST] = True
-    return Trajectory(time[kept], x[kept], u[kept])
-
-
-def stopped_at(rows: Trajectory, duration: float) -> float | None:
-    """When the robot stopped one run of a duration (s), if it did (s)."""
-    if rows.record is None:
-        return None
-    times = np.asarray(rows.time)[np.asarray(rows.record.over)]
-    return float(times[0]) if times.size and times[0] < duration else None
+    return Trajectory(time[kept], x[kept], u[kept]), stop
 
 
 def driven_robot(name: str | Path, u: ArrayLike) -> Robot:

@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common.cores import cores
-from ..common.errors import SwingupError
-from ..common.foreign import errors_named_after, naming
+from ..common.errors import SwingupError, naming
+from ..common.foreign import errors_named_after
 from ..controllers.baselines.switch import AbstractExpensiveController
 from ..controllers.interface.call_time import announce
 from ..controllers.interface.controller import AbstractController, check_interface, check_robot, split
@@ -70,7 +70,7 @@ def prepare(source: Any, robot: Robot, name: str, plant: Plant | None = None) ->
 
     The name is for messages. A policy that was made for a plant that differs much is said to be so.
     """
-    with naming(name):
+    with naming(f"controller {name!r}"):
         controller = (
             source if isinstance(source, AbstractController | PythonController) else PythonController(source)
         )

@@ -51,7 +51,7 @@ class Watch:
         first = self.run.folder / FIRST
         if not first.exists():
             result = {"score": report.rows[0]["score"], "frames": report.frames}
-            self.run.save_policy(first, 0, self.run.policy(0), result)
+            self.run.save_policy(first, 0, self.run.policies()[0], result)
         if self.passed is None and (report.best_score or 0.0) >= self.paper:
             self.passed = time.monotonic() - self.start
         when = "" if self.passed is None else f" at {self.passed:.0f} s"

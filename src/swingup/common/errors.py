@@ -1,5 +1,8 @@
 """The one exception that users are meant to read."""
 
+import contextlib
+from collections.abc import Iterator
+
 from .text import one_line
 
 LONGEST_MESSAGE = 2000
@@ -18,3 +21,12 @@ class SwingupError(Exception):
     def __init__(self, message: str) -> None:
         """Keep the message as one printable line."""
         self.args = (one_line(message, LONGEST_MESSAGE),)
+
+
+@contextlib.contextmanager
+def naming(subject: str, remedy: str = "") -> Iterator[None]:
+    """Put what an error is about before it, and perhaps a remedy behind it."""
+    try:
+        yield
+    except SwingupError as error:
+        raise SwingupError(f"{subject}: {error}{remedy}") from error

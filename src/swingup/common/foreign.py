@@ -28,15 +28,6 @@ def errors_named_after(what: str, remedy: str = "correct it there") -> Iterator[
         raise SwingupError(f"{what} raised {described(error)}: {remedy}") from error
 
 
-@contextlib.contextmanager
-def naming(controller: str) -> Iterator[None]:
-    """Name the controller in front of what is wrong with it."""
-    try:
-        yield
-    except SwingupError as error:
-        raise SwingupError(f"controller {controller!r}: {error}") from error
-
-
 def described(error: BaseException) -> str:
     """A foreign error's kind and text. Compiled callbacks raise whole tracebacks; of these only the end is kept."""
     text = one_line(error)

@@ -48,7 +48,11 @@ def _refuse_more_than_plain(text: str, named: str) -> None:
     """Refuse all that YAML has beyond plain values, nesting, and a name of the outermost map that comes twice."""
     depth, names, is_map, is_name = 0, dict[str, int](), False, True
     for event in yaml.parse(text, yaml.SafeLoader):
-        _check_plain(event, named)
+        anchor, tag = getattr(event, "anchor", None), getattr(event, "tag", None)
+        if anchor is not None:
+            raise SwingupError(f"{named} has an alias or an anchor, {quoted(anchor)}: write the value itself")
+        if tag is not None:
+            raise SwingupError(f"{named} has a tag, {quoted(tag)}: write plain values")
         if depth == 0 and isinstance(event, yaml.NodeEvent):
             is_map = isinstance(event, yaml.MappingStartEvent)
         elif depth == 1 and is_map and isinstance(event, yaml.NodeEvent):
@@ -64,12 +68,3 @@ def _refuse_more_than_plain(text: str, named: str) -> None:
             raise SwingupError(
                 f"{named} gives {one_line(name, LONGEST_QUOTE)} {count} times: keep one of its values"
             )
-
-
-def _check_plain(event: yaml.Event, named: str) -> None:
-    """Refuse an alias, an anchor or a tag."""
-    anchor, tag = getattr(event, "anchor", None), getattr(event, "tag", None)
-    if anchor is not None:
-        raise SwingupError(f"{named} has an alias or an anchor, {quoted(anchor)}: write the value itself")
-    if tag is not None:
-        raise SwingupError(f"{named} has a tag, {quoted(tag)}: write plain values")

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from ..common.checks import suggestion
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, naming
 from ..common.foreign import described
 from ..common.text import quoted
 from ..plant.plant import LEADERBOARD, PlantLike, load_plant
@@ -63,10 +63,8 @@ def get_controller(
             f"controller {quoted(name)} is in plain Python: an estimator goes only before policies and controllers "
             "in JAX"
         )
-    try:
+    with naming(f"controller {quoted(name)}"):
         return with_estimator(found, robot, load_plant(plant).driven(robot))
-    except SwingupError as error:
-        raise SwingupError(f"controller {quoted(name)}: {error}") from error
 
 
 def designs_for(name: str, plant: PlantLike) -> PlantLike:
@@ -101,10 +99,8 @@ def _imported(name: str) -> Controller:
             f"cannot load controller {quoted(name)}: {described(error)}; write module:object with an object, or a "
             "class without arguments, of a module that can be imported"
         ) from error
-    try:
+    with naming(f"controller {quoted(name)}"):
         return found if isinstance(found, AbstractController) else PythonController(found)
-    except SwingupError as error:
-        raise SwingupError(f"controller {quoted(name)}: {error}") from error
 
 
 @contextlib.contextmanager

@@ -18,9 +18,7 @@ from ..common.errors import SwingupError
 from ..common.files import make_folder, write_atomically
 from ..common.text import quoted
 from ..plant.equations import friction
-from ..plant.robots import Robot
 from ..policy.contract import LoopController, four_numbers
-from ..policy.guard.core import Guard
 from ..policy.guard.settings import Fault
 from ..policy.numpy_backend.controller import NumpyPolicy
 
@@ -74,6 +72,9 @@ class RealAIGymController:
         self.disturbance_intervals: list[Any] = []
         """Intervals in which the run is disturbed on purpose: none."""
         self._controller, self._dt = controller, 0.002
+        self.robot, self.guard = controller.robot, controller.guard
+        self.passive_limit = controller.passive_limit
+        """Largest torque on the passive joint (N m)."""
         self._about: dict[str, Any] = {"controller": name}
         if isinstance(controller.inner, NumpyPolicy):
             policy, told = controller.inner.policy, ("version", "command", "seed")
@@ -85,21 +86,6 @@ class RealAIGymController:
         """What filters measurements, with its histories."""
         self.reset()
         self.init()
-
-    @property
-    def robot(self) -> Robot:
-        """Which joint is driven."""
-        return self._controller.robot
-
-    @property
-    def guard(self) -> Guard | None:
-        """The safety guard inside the controller; None without one."""
-        return self._controller.guard
-
-    @property
-    def passive_limit(self) -> float:
-        """Largest torque on the passive joint (N m)."""
-        return self._controller.passive_limit
 
     @property
     def fault(self) -> Fault | None:
@@ -129,9 +115,7 @@ class RealAIGymController:
         self.set_friction_compensation()
         self.reset_()
 
-    def reset_(self) -> None:
-        """Clear the controller's own memory."""
-        self.init_()
+    reset_ = init_
 
     def get_control_output(self, x: Sequence[float] | np.ndarray, t: float | None = None) -> np.ndarray:
         """The torques [u1, u2] (N m), a new float64 array, for the state x measured at time t (s)."""
@@ -158,14 +142,12 @@ class RealAIGymController:
 
     def save(self, directory: str | Path) -> None:
         """Write what this controller is to ``controller_swingup.json`` in a folder."""
-        self.save_(directory)
-
-    def save_(self, directory: str | Path) -> None:
-        """The same, as wrappers call it."""
         settings = {"damping": self._damping.tolist(), "coulomb_fric": self._coulomb.tolist()}
         text = json.dumps({"robot": self.robot.name, **self._about, **settings}, indent=2)
         make_folder(directory)
         write_atomically(Path(directory) / SAVED_FILE, (text + "\n").encode())
+
+    save_ = save
 
     def set_filter(self, filter: Any = None) -> None:
         """Filter measurements from now on, after ``reset()`` as well.

@@ -78,7 +78,8 @@ def predict_log(recording: Recording, domain: Domain, name: str) -> OpenLoop:
     plant = domain.nominal_plant
     setting, start = integration_of(plant), _start(domain, vector_of(plant))
     # What the domain says is judged as it is; what it leaves open must not spoil the plant's errors.
-    known = {each: float(start[INDEX[each]]) for each in LATENCY if _says(domain, each)}
+    said = {"lag", *domain.names} if "response" in domain.names else {*domain.names}
+    known = {each: float(start[INDEX[each]]) for each in LATENCY if each in said}
     # Without torques nothing is late.
     fitted = tuple(each for each in LATENCY if each not in known) if any(recording.driven) else ()
     problem = Problem(setting, start, [recording], [0], known)
@@ -123,10 +124,6 @@ def smoothed(recording: Recording, period: float) -> tuple[np.ndarray, np.ndarra
     """Times (s) and smoothed states of a log at even periods, to draw or to compare with."""
     times = np.arange(REACH, recording.duration - REACH, period)
     return times, smooth(recording, times)
-
-
-def _says(domain: Domain, name: str) -> bool:
-    return name in domain.names or (name == "lag" and "response" in domain.names)
 
 
 def _start(domain: Domain, vector: Float[np.ndarray, "15"]) -> Float[np.ndarray, "15"]:

@@ -81,7 +81,8 @@ def read_solution(
         _add_ratios(found, sampled, free, seed)
     ends = [0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL]
     intervals = {name: tuple(np.quantile(sampled[name], ends).tolist()) for name in found if name in free}
-    determined = {name: _is_determined(name, found[name], intervals[name]) for name in intervals}
+    sizes = {name: OFFSET_SIZE if name.startswith("offset") else abs(found[name]) for name in intervals}
+    determined = {name: high - low <= NARROW_INTERVAL * sizes[name] for name, (low, high) in intervals.items()}
     # Not A: of a known I1 + I2 + m2 l1² results have A - B, which I2 leaves open.
     determined |= {TITLES.get(name, name): True for name in problem.known if name != "A"}
     # Logs tell products of these, and a first session's torque gain is 1 by convention.
@@ -122,11 +123,6 @@ def _add_ratios(found: dict[str, float], sampled: dict[str, np.ndarray], free: s
         sampled[title] = sampled[title] * factor
     sampled[first] = sampled[first] * factor
     free.add(first)
-
-
-def _is_determined(name: str, value: float, found: Interval) -> bool:
-    size = OFFSET_SIZE if name.startswith("offset") else abs(value)
-    return found[1] - found[0] <= NARROW_INTERVAL * size
 
 
 def make_notes(

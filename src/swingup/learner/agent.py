@@ -12,7 +12,7 @@ from ..areapo.checkpoint import load_checkpoint, read_metadata, save_checkpoint
 from ..areapo.config import Config
 from ..areapo.keys import Purpose, root_key
 from ..common.checks import whole_number
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, naming
 from ..common.text import quoted
 from ..controllers.stack.policy import Policy, act
 from ..plant.plant import LEADERBOARD, PlantLike
@@ -113,10 +113,8 @@ class AREAPO:
         if Path(path).is_dir():
             model._use(resume_run(path, env=env))
             return model
-        try:
+        with naming(f"cannot load {path}"):
             settings = run_settings_from_dict(read_metadata(path).get("settings"))
-        except SwingupError as error:
-            raise SwingupError(f"cannot load {path}: {error}") from error
         model._use(restore_run(settings, lambda like: load_checkpoint(path, like), str(path), env))
         return model
 
@@ -202,7 +200,7 @@ class AREAPO:
     def _policy(self) -> Policy[Any]:
         """The best seed's policy on the device; it is copied there again after each call of ``learn``."""
         if self._cached is None or self._cached[0] != self.frames:
-            policy = self._run.policy(self._run.progress.best_seed)
+            policy = self._run.policies()[self._run.progress.best_seed]
             self._cached = (self.frames, jax.tree.map(jnp.asarray, policy))
         return self._cached[1]
 
@@ -221,7 +219,7 @@ class AREAPO:
         if episodes is not None:
             episodes = whole_number("episodes", episodes, 1)
         run = self._run
-        policy = run.policy(run.progress.best_seed)
+        policy = run.policies()[run.progress.best_seed]
         if env is None:
             usual = None if self.settings.robot else EPISODES
             return run.backend.evaluator.evaluate(policy, episodes or usual)

@@ -20,7 +20,7 @@ from .environments import Environments, make_environments, own_number
 from .host_collection import compile_iteration, host_iteration, new_tally
 from .host_evaluators import EpisodeEvaluator
 from .memory import check_memory
-from .rates import rates, unknown_rates
+from .rates import RESETS, REWARD_RATE, rates
 
 
 class HostBackend(AbstractBackend):
@@ -52,9 +52,8 @@ class HostBackend(AbstractBackend):
         # It cannot be made again, and resetting it would disturb training.
         self._scored_by_training = passed_in or not episodes
         # Before the first step.
-        self._training_results: list[dict[str, Any]] = [
-            {"score": None, "mean_length": None, **unknown_rates()} for _ in seeds
-        ]
+        unknown = dict.fromkeys(("score", "mean_length", REWARD_RATE, RESETS))
+        self._training_results: list[dict[str, Any]] = [unknown for _ in seeds]
 
     def init(self) -> LearnerState:
         """The state before the first iteration; the environments are not reset yet."""

@@ -1,13 +1,12 @@
-"""A run's policy files: their names, where their policies come from, and the rank of the best one on disk."""
+"""A run's policy files: their names, and the rank of the best one on disk."""
 
 from pathlib import Path
 from typing import Any
 
 from ..common.errors import SwingupError
 from ..common.text import one_line
-from ..common.version import __version__
 from ..policy.file import read_network
-from .progress import UNRANKED, Rank, TrainingProgress, rank
+from .progress import UNRANKED, Rank, rank
 from .run_settings import MALFORMED, RunSettings
 
 BEST, LAST = "best.safetensors", "last.safetensors"
@@ -16,22 +15,6 @@ BEST, LAST = "best.safetensors", "last.safetensors"
 def seed_file(name: str, settings: RunSettings, index: int) -> str:
     """File of a seed's best or last policy; with several seeds best.safetensors is the best of all."""
     return name if settings.seeds == 1 else name.replace(".", f"-{settings.seed + index}.")
-
-
-def provenance(
-    settings: RunSettings, progress: TrainingProgress, goal: int, index: int, scores: dict[str, Any]
-) -> dict[str, Any]:
-    """The origin of a seed's policy, and its scores by the names of their measures."""
-    return {
-        "version": __version__,
-        "preset": settings.preset,
-        "command": settings.command(goal),
-        "seed": settings.seed + index,
-        "frames": progress.iterations * settings.config.rollout_size,
-        "seconds": round(progress.seconds, 1),
-        "hyperparameters": settings.as_dict()["config"],
-        "scores": scores,
-    }
 
 
 def best_on_disk(folder: Path, settings: RunSettings, measure: str) -> list[Rank]:

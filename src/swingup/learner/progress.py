@@ -9,11 +9,9 @@ import jax
 import numpy as np
 
 from ..areapo.state import LearnerState
-from ..common.arrays import finite
 from ..common.checks import finite_number, is_number, whole_number
 from ..common.errors import SwingupError
 from ..common.text import one_line
-from .backend import split_seeds
 from .rates import REWARD_RATE, shown_rate, training_resets
 from .run_settings import MALFORMED, RunSettings, run_settings_from_dict
 
@@ -38,10 +36,6 @@ class TrainingProgress:
     def best_seed(self) -> int:
         """Index of the seed with the best policy; 0 before the first evaluation."""
         return max(range(len(self.best)), key=self.best.__getitem__)
-
-    def member(self, index: int) -> LearnerState:
-        """The state of one seed."""
-        return split_seeds(self.state, len(self.best))[index]
 
     def metadata(self, settings: RunSettings) -> dict[str, Any]:
         """The metadata of a checkpoint."""
@@ -130,31 +124,3 @@ class TrainingReport:
             f"gain {shown_rate(row['gain'])}, resets per 1,000 steps {shown_rate(training_resets(row))}, "
             f"score {shown_rate(self.score)}, best {shown_rate(self.best_score)}"
         )
-
-
-def make_report(
-    settings: RunSettings,
-    progress: TrainingProgress,
-    rate: float,
-    figures: list[dict[str, Any]],
-    evaluations: list[dict[str, Any]],
-) -> TrainingReport:
-    """The report of a chunk.
-
-    ``rate`` counts frames of all seeds per second, figures are each seed's means over the chunk.
-    """
-    frames = progress.iterations * settings.config.rollout_size
-    rows = []
-    for index, (figure, result) in enumerate(zip(figures, evaluations, strict=True)):
-        row = {
-            "seed": settings.seed + index,
-            "frames": frames,
-            "seconds": round(progress.seconds, 3),
-            "frames_per_second": round(rate, 1),
-            **figure,
-            **result,
-            "best_score": score_of(progress.best[index]),
-        }
-        # JSON has no NaN: numbers that are not finite become null.
-        rows.append(finite(row))
-    return TrainingReport(frames, rate, rows, score_of(max(progress.best)))

@@ -44,11 +44,6 @@ def rates(reward: float, termination_rate: float, step_time: float | None = None
     return {REWARD_RATE: reward, **timed, RESETS: 1000.0 * termination_rate}
 
 
-def unknown_rates() -> dict[str, None]:
-    """The rates before anything was measured."""
-    return {REWARD_RATE: None, RESETS: None}
-
-
 def training_resets(row: Mapping[str, Any]) -> float | None:
     """Resets per 1,000 steps of training in a row of metrics; None in rows of a version that did not count them."""
     rate: Any = row.get("termination_rate")

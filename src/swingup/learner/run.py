@@ -17,13 +17,15 @@ import jax
 import numpy as np
 
 from ..areapo.state import LearnerState
+from ..common.arrays import finite
 from ..common.checks import whole_number
 from ..common.errors import SwingupError
+from ..common.version import __version__
 from ..controllers.stack.policy import Policy
 from .backend import AbstractBackend, split_seeds
 from .metrics import MetricsWriter
-from .policy_files import BEST, LAST, provenance, seed_file
-from .progress import TrainingProgress, TrainingReport, is_finite, make_report, rank, score_of
+from .policy_files import BEST, LAST, seed_file
+from .progress import TrainingProgress, TrainingReport, is_finite, rank, score_of
 from .run_folder import RunFolder
 from .run_settings import RunSettings, write_run_settings
 
@@ -79,14 +81,19 @@ class Run:
         """The policies of all seeds as they stand."""
         return [self.backend.policy(member) for member in split_seeds(self.progress.state, self.settings.seeds)]
 
-    def policy(self, index: int = 0) -> Policy[Any]:
-        """The policy of one seed as it stands."""
-        return self.backend.policy(self.progress.member(index))
-
     def save_policy(self, path: Path, index: int, policy: Policy[Any], result: dict[str, Any]) -> None:
         """Write a policy of one seed with its origin and its evaluation's result."""
-        evaluator = self.backend.evaluator
-        origin = provenance(self.settings, self.progress, self.goal, index, {evaluator.measure: result})
+        settings, evaluator = self.settings, self.backend.evaluator
+        origin = {
+            "version": __version__,
+            "preset": settings.preset,
+            "command": settings.command(self.goal),
+            "seed": settings.seed + index,
+            "frames": self.frames,
+            "seconds": round(self.progress.seconds, 1),
+            "hyperparameters": settings.as_dict()["config"],
+            "scores": {evaluator.measure: result},
+        }
         evaluator.save(path, policy, origin)
 
     def snapshot(self) -> Snapshot:
@@ -138,7 +145,7 @@ class Run:
                 self.progress = replace(self.progress, seconds=self.progress.seconds + elapsed)
                 frames = (self.progress.iterations - before) * self.settings.config.rollout_size
                 rate = frames * self.settings.seeds / elapsed
-                report = make_report(self.settings, self.progress, rate, figures, evaluations)
+                report = self._report(rate, figures, evaluations)
                 if writer is not None:
                     writer.write(report.rows)
                 at_end = self.progress.iterations >= target or self._stopping
@@ -181,6 +188,18 @@ class Run:
         iterations = int(np.max(jax.device_get(state.iterations)))
         self.progress, self._fresh = replace(self.progress, state=state, iterations=iterations), False
         return figures
+
+    def _report(
+        self, rate: float, figures: list[dict[str, Any]], evaluations: list[dict[str, Any]]
+    ) -> TrainingReport:
+        """The report of a chunk with so many frames of all seeds a second, and each seed's means over it."""
+        progress, rows = self.progress, []
+        for index, (figure, result) in enumerate(zip(figures, evaluations, strict=True)):
+            head = {"seed": self.settings.seed + index, "frames": self.frames}
+            times = {"seconds": round(progress.seconds, 3), "frames_per_second": round(rate, 1)}
+            # JSON has no NaN: numbers that are not finite become null.
+            rows.append(finite(head | times | figure | result | {"best_score": score_of(progress.best[index])}))
+        return TrainingReport(self.frames, rate, rows, self.best_score)
 
     def _evaluate_all(self) -> list[dict[str, Any]]:
         """Evaluate the deterministic policy of each seed; keep those that are their seeds' best."""

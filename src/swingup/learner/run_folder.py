@@ -51,10 +51,6 @@ class RunFolder:
             # A link is removed, never what it points at.
             shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
 
-    def create(self) -> None:
-        """Make the folder."""
-        make_folder(self.checkpoints)
-
     @property
     def checkpoints(self) -> Path:
         """The folder of the checkpoints."""

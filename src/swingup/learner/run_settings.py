@@ -130,7 +130,8 @@ class RunSettings:
     def _call(self, frames: int) -> str:
         words = ["env" if is_description(self.name) else repr(self.name)]
         words += [f"preset={self.preset!r}", f"seed={self.seed}"]
-        words += [] if self.plant == LEADERBOARD else [f"plant={_in_python(self.plant)}"]
+        numbers = ", ".join(f"{name}={value!r}" for name, value in self.plant.values().items())
+        words += [] if self.plant == LEADERBOARD else [f"plant=Plant({numbers})"]
         words += [f"{name}={value!r}" for name, value in self._changed().items()]
         return f"swingup.AREAPO({', '.join(words)}).learn({frames})"
 
@@ -157,11 +158,6 @@ def _is_named(plant: Plant) -> bool:
         return is_plant_name(name)
     shipped = load_plant(name)
     return plant == (shipped if name == plant.name else shipped.frictionless())
-
-
-def _in_python(plant: Plant) -> str:
-    values = ", ".join(f"{name}={value!r}" for name, value in plant.values().items())
-    return f"Plant({values})"
 
 
 def make_run_settings(

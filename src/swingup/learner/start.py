@@ -10,6 +10,7 @@ import jax
 from ..areapo.state import LearnerState
 from ..common.checks import whole_number
 from ..common.errors import SwingupError
+from ..common.files import make_folder
 from ..tasks.acrobot_swingup import IDS as ACROBOT_IDS
 from ..tasks.acrobot_swingup import AcrobotPractice, acrobot_practice
 from ..tasks.adapted import AbstractAdaptedTask
@@ -52,7 +53,7 @@ def start_run(settings: RunSettings, folder: str | Path | None, frames: int, env
     progress = TrainingProgress(state, (UNRANKED,) * settings.seeds)
     run = Run(settings, backend, progress, goal, place)
     if place is not None:
-        place.create()
+        make_folder(place.checkpoints)
         write_run_settings(place.path, settings, goal)
     # A run that is killed before its first chunk ends can be resumed, too.
     run.save_checkpoint()

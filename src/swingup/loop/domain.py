@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import jax
 
 from ..common.checks import one_of
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, naming
 from ..common.text import one_line, quoted
 from ..common.yaml_map import read_map
 from ..dynamics.integrate import stable_substeps
@@ -235,10 +235,8 @@ def load_domain(source: str | Path) -> Domain:
         return make_domain({"plant": load_plant(source)}, source)
     if not source.endswith(PARAMETER_FILES):
         one_of("domain", source, (*SHIPPED_DOMAINS, *SHIPPED_PLANTS), " or a YAML file (.yml)")
-    try:
+    with naming(f"domain {one_line(source)}"):
         return make_domain(read_map(source, "domain"), source, Path(source).parent)
-    except SwingupError as error:
-        raise SwingupError(f"domain {one_line(source)}: {error}") from error
 
 
 def _range(name: str, value: Any) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from ..common.checks import LARGEST_NUMBER, one_of
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, naming
 from ..common.text import one_line, quoted
 from .damped import Friction
 from .equations import Number, lump, mass_entries
@@ -156,10 +156,8 @@ def load_plant(source: PlantLike) -> Plant:
         return _shipped_plant(name)
     if not is_plant_name(name):
         one_of("plant", name, SHIPPED_PLANTS, f" or {PLANT_FILES}")
-    try:
+    with naming(f"plant {one_line(name)}"):
         return _model_plant(name, name) if is_model_file(name) else _read_plant(name)
-    except SwingupError as error:
-        raise SwingupError(f"plant {one_line(name)}: {error}") from error
 
 
 def is_plant_name(name: str) -> bool:

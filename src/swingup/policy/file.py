@@ -12,7 +12,7 @@ import numpy as np
 
 from ..common.arrays import load_arrays, save_arrays
 from ..common.checks import one_of
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, naming
 from ..common.settings import settings_of
 from ..common.text import quoted
 from .network.layers import RELU, Activation, Layer, Network
@@ -36,11 +36,9 @@ KNOWN_ARRAYS = re.compile(
 def read_network(path: str | Path) -> tuple[Network, dict[str, Any]]:
     """Read a policy and its metadata; statistics are float64, weights float32."""
     metadata, found = load_arrays(path, FORMAT, FORMAT_VERSION, lambda name: bool(KNOWN_ARRAYS.fullmatch(name)))
-    try:
+    with naming(f"policy file {path}", "; see docs/policy-format.md"):
         arrays = {name: _checked(name, array) for name, array in found.items()}
         return _network(metadata, arrays), metadata
-    except SwingupError as error:
-        raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error
 
 
 def write_network(path: str | Path, network: Network, metadata: Mapping[str, Any]) -> None:
@@ -85,19 +83,15 @@ def _network(metadata: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> N
     # Counted, so that a gap in the numbers shows as a missing array.
     depth = sum(name.startswith("network.trunk.") and name.endswith(".weight") for name in arrays)
     choices = _choices(metadata)
+    activation: Any = one_of(ACTIVATION, metadata.get(ACTIVATION, RELU), get_args(Activation))
     return Network(
         stages=tuple(_stage(index, entry, arrays) for index, entry in enumerate(entries)),
         trunk=tuple(_layer(arrays, f"network.trunk.{index}") for index in range(depth)),
         head=_layer(arrays, "network.mean" if choices is None else "network.logits"),
         std=_layer(arrays, "network.std") if "network.std.weight" in arrays else None,
         choices=choices,
-        activation=_activation(metadata),
+        activation=activation,
     )
-
-
-def _activation(metadata: Mapping[str, Any]) -> Activation:
-    name = metadata.get(ACTIVATION, RELU)
-    return one_of(ACTIVATION, name, get_args(Activation))  # type: ignore[return-value]  # one of them
 
 
 def _stage(index: int, entry: Any, arrays: Mapping[str, np.ndarray]) -> Stage:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ..common.checks import finite_number
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, naming
 from ..common.settings import read_settings
 from ..common.text import quoted
 from ..plant.base_parameters import base_parameters
@@ -99,7 +99,7 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
         raise SwingupError(f"policy file {path} has discrete actions: a pendulum needs a torque")
     if len(network.head.bias) != 1:
         raise SwingupError(f"policy file {path} has {len(network.head.bias)} actions: one is needed")
-    try:
+    with naming(f"policy file {path}", "; see docs/policy-format.md"):
         limit = finite_number("torque_limit", metadata["torque_limit"], 1e-6, 1e6, "N m")
         plant = read_plant(metadata[PLANT], ROBOTS[name])
         motor = plant.limit(ROBOTS[name].joint)
@@ -117,8 +117,6 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
             regulator=read_settings(metadata, RegulatorSettings),
             metadata=metadata,
         )
-    except SwingupError as error:
-        raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error
 
 
 def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: Mapping[str, Any]) -> None:

@@ -9,7 +9,7 @@ import jax
 from ..benchmark.board import Case, Run, Setting
 from ..benchmark.boards import SIM2REAL
 from ..benchmark.judge import make_setting, summed_up
-from ..benchmark.recording import recorded, stopped_at
+from ..benchmark.recording import recorded
 from ..benchmark.rollout import Trajectory
 from ..benchmark.runner import Progress, run_one
 from ..benchmark.seeds import check_seeds
@@ -90,8 +90,8 @@ def rehearse(
         with FolderProcess(found, simulated_clock=not real_time, calling=calling) as process:
             timing, rows = _rows(process, board, setting, case, real_time)
             stop = process.guard_report()["stopped"]
-        counted = recorded(rows, board.duration)
-        run = board.score(case, counted, None, stopped_at(rows, board.duration))
+        counted, end = recorded(rows, board.duration)
+        run = board.score(case, counted, None, end)
         # The board has the guard's limits: it found a motion beyond one by itself.
         if stop is not None and run.tip is not None and run.tip.cause != "beyond a limit":
             run = dataclasses.replace(run, tip=dataclasses.replace(run.tip, failure=stop["why"], cause="stopped"))

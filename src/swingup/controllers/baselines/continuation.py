@@ -24,7 +24,7 @@ from ...common.types import Scalar
 from ...dynamics.angles import UPRIGHT
 from ...plant.plant import LEADERBOARD, NAMES, Plant, validated
 from ...plant.robots import Robot, get_robot
-from ..swingups.design import SwingupProblem, followed, motion, solve_from_rest
+from ..swingups.design import followed, motion, solve_from_rest
 from ..swingups.ilqr import feedback_gains
 from ..swingups.reference import Reference
 from ..swingups.transition import PendulumTransition
@@ -173,7 +173,9 @@ def _try_step(
 def _optimised(swingups: SwingUps, settings: ContinuationSettings) -> SwingUps:
     """Swing-ups of other plants, improved for these."""
     robot, dt = swingups.robot, swingups.dt
-    problem = _problem(robot, settings, swingups.torque.shape[1])
+    problem = OPTIMAL_SETTINGS[robot.name].swingup
+    weights = replace(problem.weights, final=settings.final)
+    problem = replace(problem, steps=swingups.torque.shape[1], weights=weights)
     cost, leaving = problem.cost(problem.steps), problem.pendulum_cost(problem.steps, settings.gain_final)
     leaving = replace(leaving, state_weights=leaving.state_weights + np.array(settings.gain_weights))
 
@@ -197,11 +199,6 @@ def _bounds_about(nominal: SwingUps, settings: ContinuationSettings) -> Continua
     # C.1's bounds are 1.6 times its cost, 0.16, and 1.3 times the rate of its fastest joint, 10.4 rad/s.
     most_cost, most_speed = max(settings.max_cost, 1.7 * cost), max(settings.max_speed, 1.3 * speed)
     return replace(settings, max_cost=most_cost, max_speed=most_speed)
-
-
-def _problem(robot: Robot, settings: ContinuationSettings, steps: int) -> SwingupProblem:
-    problem = OPTIMAL_SETTINGS[robot.name].swingup
-    return replace(problem, steps=steps, weights=replace(problem.weights, final=settings.final))
 
 
 def _torque_limit(swingups: SwingUps) -> Float[Any, "n"]:

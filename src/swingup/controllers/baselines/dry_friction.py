@@ -96,7 +96,10 @@ def _best(
     plant: Plant, robot: Robot, settings: LQRSettings, countings: Sequence[Counting], dt: float
 ) -> tuple[LQR, int]:
     """The regulator that holds from the most starts, and their number."""
-    tried = [counting_lqr(plant, robot, settings, each) for each in countings]
+    tried = []
+    for each in countings:
+        regulator = upright_lqr(linear_friction(plant, each.damping), robot, settings)
+        tried.append(replace(regulator, friction=friction_gain(plant, regulator, each), knee=each.knee))
     # One program for all settings: they differ in numbers alone.
     with jax.enable_x64(True):
         stacked = jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(leaf) for leaf in leaves]), *tried)
@@ -105,13 +108,6 @@ def _best(
     # Where several hold from as many starts, the smaller error that remains decides.
     best = max(range(len(tried)), key=lambda index: (held[index], -np.median(errors[index])))
     return tried[best], int(held[best])
-
-
-def counting_lqr(plant: Plant, robot: Robot, settings: LQRSettings, counting: Counting) -> LQR:
-    """A regulator that counts on the passive joint's dry friction."""
-    regulator = upright_lqr(linear_friction(plant, counting.damping), robot, settings)
-    against = friction_gain(plant, regulator, counting)
-    return replace(regulator, friction=against, knee=counting.knee)
 
 
 def linear_friction(plant: Plant, damping: float = 1.0) -> Plant:

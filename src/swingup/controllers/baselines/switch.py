@@ -42,8 +42,8 @@ class SwitchMemory(eqx.Module):
 class LatchingSwitch(AbstractController[SwitchMemory]):
     """The first controller until the state has been near the goal once; the second from then on.
 
-    Near means |wrap(x) - goal| < threshold in all four entries. The second controller stays in charge even when it
-    loses the pendulum. Time counts from the first call: the first controller may follow a trajectory.
+    Near means |wrap(x) - upright| < threshold in all four entries. The second controller stays in charge even when
+    it loses the pendulum. Time counts from the first call: the first controller may follow a trajectory.
     """
 
     first: AbstractController[Any]
@@ -52,9 +52,6 @@ class LatchingSwitch(AbstractController[SwitchMemory]):
     """rad, rad/s"""
     robot: Robot = eqx.field(static=True)
     """Which joint is driven."""
-    # A factory, because dataclasses refuse an array as a default.
-    goal: Float[np.ndarray, "4"] = eqx.field(default_factory=UPRIGHT.copy)
-    """Within the wrapped angles: q1 in [0, 2π), q2 in [-π, π)."""
 
     def init(self) -> SwitchMemory:
         """Both controllers' first memories; the first controller acts."""
@@ -63,7 +60,7 @@ class LatchingSwitch(AbstractController[SwitchMemory]):
     def __call__(self, carry: SwitchMemory, t: TimeLike, x: State) -> tuple[SwitchMemory, Torque]:
         """The torques of the controller in charge (N m)."""
         begun, t = since_first_call(t, carry.begun)
-        latched = carry.latched | jnp.all(jnp.abs(wrap(x) - jnp.asarray(self.goal)) < jnp.asarray(self.threshold))
+        latched = carry.latched | jnp.all(jnp.abs(wrap(x) - jnp.asarray(UPRIGHT)) < jnp.asarray(self.threshold))
         # Both controllers are computed: in a batch some members have switched and others have not.
         if isinstance(self.first, AbstractExpensiveController):
             first, u_first = self.first.control(carry.first, t, x, latched)

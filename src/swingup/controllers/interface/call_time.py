@@ -2,7 +2,6 @@
 
 import logging
 import time
-from collections.abc import Sequence
 from statistics import median
 from typing import Any
 
@@ -90,8 +89,3 @@ def announce(seconds: float, took: float, simulations: int, bound: str = "about 
     if seconds > ANNOUNCED_TIME:
         many = f"{simulations} simulations take" if simulations > 1 else "the simulation takes"
         _LOGGER.warning("%s %s%s: one call takes %.3g ms", many, bound, duration(seconds), 1000 * took)
-
-
-def middle(times: Sequence[float]) -> float | None:
-    """Median of measured times; None without any."""
-    return median(times) if times else None

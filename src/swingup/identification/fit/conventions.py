@@ -234,14 +234,10 @@ class _Scan:
             found = found.then(each.reading)
         return found
 
-    def too_fast(self, conventions: Sequence[Convention]) -> bool:
-        """Whether the joints would move faster than any pendulum."""
-        return bool(np.any(np.abs(self.reading(conventions).angles) @ self.fastest > LARGEST_SPEED))
-
     def solve(self, conventions: Sequence[Convention], ages: int = 4) -> Solution:
         """The regression's solution; readings that are the same, or another's mirror image, are solved once."""
         reading = self.reading(conventions)
-        if self.too_fast(conventions):
+        if np.any(np.abs(reading.angles) @ self.fastest > LARGEST_SPEED):
             return Solution({}, 1.0, 1e6, bounded=True)
         # Shifts as points of the circle, where those that differ by a turn are equal.
         numbers = [reading.angles.ravel(), np.exp(1j * reading.shift), (reading.torques * self.moving).ravel()]

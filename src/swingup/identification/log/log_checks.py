@@ -24,6 +24,8 @@ SATURATED_SHARE = 0.25
 """Share of rows at the largest torque from which a motor counts as saturated."""
 GAP, GAP_PERIODS = 0.06, 20.0
 """A longer time between rows, in s and in median periods, is a gap that no prediction crosses."""
+SLOPE_WINDOW = 0.02
+"""Time over which angles give velocities (s)."""
 _JOINTS = ("1", "2")
 
 
@@ -124,9 +126,11 @@ def longest_step(period: float) -> float:
     return max(GAP, GAP_PERIODS * period)
 
 
-def slopes_of(time: np.ndarray, q: np.ndarray, reach: int | None = None) -> np.ndarray:
-    """Mean velocities (rad/s) over a number of rows to each side of each row; over about 20 ms without one."""
-    reach = max(1, round(0.01 / float(np.median(np.diff(time))))) if reach is None else reach
+def slopes_of(
+    time: np.ndarray, q: np.ndarray, window: float = SLOPE_WINDOW, reach: int | None = None
+) -> Float[np.ndarray, "rows 2"]:
+    """Mean velocities (rad/s) over a window (s) about each row, or over a number of rows to each side of it."""
+    reach = max(1, round(0.5 * window / float(np.median(np.diff(time))))) if reach is None else reach
     rows = np.arange(len(time))
     after, before = np.minimum(rows + reach, len(time) - 1), np.maximum(rows - reach, 0)
     return (q[after] - q[before]) / (time[after] - time[before])[:, None]

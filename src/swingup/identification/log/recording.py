@@ -263,7 +263,7 @@ def _fresh_rows(
     parts = [part for part in (q, dq, measured) if part is not None]
     same = np.all([np.all(np.diff(part, axis=0) == 0, axis=1) for part in parts], axis=0)
     # The mean speed over five rows to each side: one repeated row alone would show no speed.
-    speed = np.abs(slopes_of(time, q, min(5, len(time) // 2)))
+    speed = np.abs(slopes_of(time, q, reach=min(5, len(time) // 2)))
     moved = speed[1:] * np.diff(time)[:, None] > REPEAT_MOTION * np.maximum(np.asarray(quantum), 1e-6)
     return np.concatenate([[True], ~(same & moved.any(axis=1))])
 

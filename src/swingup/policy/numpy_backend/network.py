@@ -59,10 +59,6 @@ class NumpyNetwork:
         return self._torque_limit * math.tanh(float(np.dot(self._head, features) + self._offset[0]))
 
 
-def _relu(x: np.ndarray) -> np.ndarray:
-    return np.maximum(x, 0.0, out=x)
-
-
 def _elu(x: np.ndarray) -> np.ndarray:
     # Clipped, since both branches are computed: of large x the exponential has no number.
     return np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0)))
@@ -78,7 +74,7 @@ def _gelu(x: np.ndarray) -> np.ndarray:
 
 
 ACTIVATIONS: dict[Activation, Activate] = {
-    "relu": _relu,
+    "relu": lambda x: np.maximum(x, 0.0, out=x),
     "tanh": np.tanh,
     "elu": _elu,
     "silu": _silu,
