@@ -1,54 +1,45 @@
-"""One network for a family of designs: taught about each of them, judged from each one's nominal parameters.
+"""One policy for a family of designs: taught about each of them, judged from each one's nominal parameters.
 
 Usage: python benchmarks/universal.py ROBOT FOLDER [--designs C.1 A.0 cloudpendulum B.0] [--plants 160]
 [--steps 60000] [--frames 6000000] [--judged C.1 C.0 A.0 cloudpendulum B.0] [--seeds 40] [--share 0.25]
 
-An experiment (lab/adaptive.md), no recipe of the package. In units of l1, √(l1/g) and the torque limit every
-pendulum has C.1's upper link and gravity: its inertial base parameters alone tell it apart. About each design
-plants are drawn: masses and inertias are off, the motor is weaker, and a compensation leaves friction. Their
-swing-ups are continued from the design's own, and the preset `small` recovers. One student learns from all.
-FOLDER keeps recovering policies and swing-ups; what is there is not repeated. The table has the successes of
-`seeds` draws about each judged design, masses and inertias within `share`, or less where such draws are no
-pendulums, in the loop of `recorded`.
+In the units of policies (``plant/units.py``) every pendulum has C.1's upper link and gravity: its inertial base
+parameters alone tell it apart. About each design plants are drawn: masses and inertias are off, the motor is
+weaker, and a compensation leaves friction. The preset `small` recovers. One student learns from all designs'
+teachers (``refine/distillation.py``). FOLDER gets ROBOT-universal.safetensors, recovering policies and teachers;
+what is there of the latter is not repeated. The table has the successes of `seeds` draws about each judged design,
+masses and inertias within `share`, or less where such draws are no pendulums, in the loop of `recorded`.
 """
 
 import argparse
-import math
 import pickle
-from dataclasses import replace
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-import optax
 
 from swingup.benchmark.judge import judge
 from swingup.common.errors import SwingupError
-from swingup.controllers.baselines.continuation import continue_swingups, nominal_swingups
-from swingup.controllers.baselines.continuation_settings import ContinuationSettings
-from swingup.controllers.stack.controller import PolicyController, make_controller, policy_alone
+from swingup.common.version import __version__
+from swingup.controllers.stack.controller import make_controller, policy_alone
 from swingup.learner.policy_files import BEST
 from swingup.learner.run_settings import make_run_settings
 from swingup.learner.start import resume_run, start_run
 from swingup.loop.domain import Domain
 from swingup.loop.on_plant import drawn_around, loop_around
-from swingup.plant.base_parameters import FRICTIONS
 from swingup.plant.plant import LEADERBOARD, Plant, load_plant, validated
 from swingup.plant.robots import ROBOTS, Robot
-from swingup.plant.units import C1, STATE, Scales, scales_of, similar_plant
-from swingup.policy.plant_facts import policy_plant
+from swingup.plant.units import arm_scales, similar_plant
+from swingup.policy.pendulum import for_plant, write_pendulum_policy
 from swingup.policy.shipped import load_policy
-from swingup.refine.analytic_policy_gradient import single_precision
-from swingup.refine.dataset import Dataset, dagger_rollouts, swings_up, uniform_states
-from swingup.refine.distillation import descend, new_student
+from swingup.refine.dataset import swings_up
+from swingup.refine.distillation import distil
 from swingup.refine.distillation_settings import DistillationSettings
-from swingup.refine.plant_draws import GEAR, RECORDED, behind_motor
-from swingup.refine.recipe import first_plant, in_units, wrapped_policy
-from swingup.refine.teacher import Teachers, make_teachers
-from swingup.tasks.observation import PlantStage
+from swingup.refine.plant_draws import RECORDED, behind_motor
+from swingup.refine.recipe import first_plant, on_plant, wrapped_policy
+from swingup.refine.teacher import School, make_school
 
 DESIGNS = ("C.1", "A.0", "cloudpendulum", "B.0")
 NEAR = {"C.1": ("C.1", "C.1", "C.0")}
@@ -61,28 +52,12 @@ COPIES = 20
 """Of each nominal plant, beside the drawn ones."""
 ANYWHERE = 15_000
 """States from anywhere, of each design."""
-LEAST = np.array([0.005, 0.003, 0.01, 0.01, 0.06, 0.06, 0.12, 0.12, 8e-5])
-"""Least units of the base parameters for the network: those of friction and rotors."""
 SHARES = (0.2, 0.15, 0.1)
 """Tried where wider draws are no pendulums."""
 
 
-class School(NamedTuple):
-    """The teachers of a design's plants, and the policy that recovers on its nominal one."""
-
-    teachers: Teachers
-    recovery: PolicyController
-
-
-def arm_scales(plant: Plant) -> Scales:
-    """Units in which a pendulum has C.1's upper link and gravity."""
-    length = plant.l1 / LEADERBOARD.l1
-    time = math.sqrt(length * LEADERBOARD.g / plant.g)
-    return Scales(time, max(plant.tl1, plant.tl2) / LEADERBOARD.tl1, length)
-
-
 def in_arm_units(design: str) -> Plant:
-    """A design in these units."""
+    """A design in the units of policies."""
     plant = load_plant(design)
     return similar_plant(plant, arm_scales(plant))
 
@@ -104,18 +79,6 @@ def school(robot: Robot, design: str, folder: Path, plants: int, frames: int) ->
     """A design's teachers and recovering policy, from the folder or made."""
     nominal = behind_motor(in_arm_units(design).frictionless(), GAIN)
     place, file = folder / f"{robot.name}-{design}", folder / f"{robot.name}-{design}.pkl"
-    if not file.exists():
-        random, own = np.random.default_rng(5), scales_of(nominal)
-        draws = [similar_plant(drawn(random, design, robot), own) for _ in range(plants)]
-        targets, start = jax.tree.map(lambda *each: np.array(each, float), *draws), similar_plant(nominal, own)
-        progress = partial(print, design, flush=True)
-        found = continue_swingups(robot, targets, progress=progress, nominal=start)
-        copies = nominal_swingups(robot, COPIES, ContinuationSettings(), start)
-        kept = jax.tree.map(lambda leaf: leaf[found.reached > 0], found)
-        both = jax.tree.map(lambda *parts: np.concatenate(parts), kept, copies)
-        states, gains = own.scaled(both.states, *STATE), own.similar(both.gains, *STATE)
-        back = similar_plant(both.plants, C1.over(own))
-        file.write_bytes(pickle.dumps(replace(both, plants=back, states=states, gains=gains)))
     run = (
         resume_run(place, frames)
         if place.exists()
@@ -123,49 +86,14 @@ def school(robot: Robot, design: str, folder: Path, plants: int, frames: int) ->
     )
     for _ in run.advance():
         pass
-    teachers = make_teachers(pickle.loads(file.read_bytes()), nominal.driven(robot))
-    gear = np.append(np.ones(8), (nominal.gr / GEAR) ** 2).astype(np.float32)
-    teachers = replace(teachers, base=teachers.base * gear, nominal=teachers.nominal * gear)
-    return School(teachers, single_precision(policy_alone(load_policy(place / BEST, robot))))
-
-
-def student_of(
-    schools: list[School], settings: DistillationSettings, random: np.random.Generator
-) -> PolicyController:
-    """The student of all schools, by the rounds of ``distil``."""
-    bases = np.concatenate([np.asarray(each.teachers.base) for each in schools])
-    first = np.cumsum([0, *(each.teachers.number for each in schools)])
-    centre, scale = bases.mean(0), np.maximum(bases.std(0), LEAST)
-    centre[FRICTIONS.start :], scale[FRICTIONS.start :] = 0.0, LEAST[FRICTIONS.start :]
-    student = new_student(schools[0].recovery, settings, random)
-    stage = PlantStage(jnp.asarray(centre, jnp.float32), jnp.asarray(scale, jnp.float32), clip=4.0)
-    policy = replace(student.policy, stages=(student.policy.stages[0], stage))
-    student = replace(student, policy=policy)
-    own = replace(settings, anywhere=ANYWHERE)
-
-    def joined(parts: list[Dataset]) -> Dataset:
-        parts = [
-            part._replace(plant=(part.plant + at).astype(np.int32)) for part, at in zip(parts, first, strict=False)
-        ]
-        return sum(parts[1:], parts[0])
-
-    dataset = joined([uniform_states(*each, own, random) for each in schools])
-    for number in range(1, settings.rounds + 1):
-        parts = []
-        for teachers, recovery in schools:
-            which, acts = np.arange(teachers.number), 0.0
-            if number > 1:
-                failing, acts = np.flatnonzero(~swings_up(student, teachers, settings.duration)), settings.own
-                replaced = random.uniform(size=which.shape) < settings.failing
-                which = np.where(replaced, random.choice(failing, which.shape), which) if len(failing) else which
-            parts.append(dagger_rollouts(teachers, recovery, student, settings, random, acts, which))
-        dataset += joined(parts)
-        steps = settings.steps if number in (1, settings.rounds) else settings.steps // 2
-        rate = settings.learning_rate * (1.0 if number == 1 else 0.6)
-        optimiser = optax.adam(optax.cosine_decay_schedule(rate, steps))
-        key, progress = jax.random.key(int(random.integers(2**31))), partial(print, "lessons", number, flush=True)
-        student = descend(student, jnp.asarray(bases), dataset, settings, key, steps, optimiser, progress)
-    return student
+    if not file.exists():
+        random, recovery = np.random.default_rng(5), policy_alone(load_policy(place / BEST, robot))
+        draws = [drawn(random, design, robot) for _ in range(plants)]
+        targets = jax.tree.map(lambda *each: np.array(each, float), *draws)
+        made = make_school(recovery, targets, COPIES, partial(print, design, flush=True))
+        file.write_bytes(pickle.dumps(made))
+    found: School = pickle.loads(file.read_bytes())
+    return found
 
 
 def widest(design: str, share: float) -> tuple[float, Domain]:
@@ -176,20 +104,6 @@ def widest(design: str, share: float) -> tuple[float, Domain]:
         except SwingupError:
             continue
     raise SwingupError(f"draws about {design} are no pendulums: give a smaller --share")
-
-
-def behind_identifier(student: PolicyController, domain: Domain, robot: Robot) -> Any:
-    """The student behind estimator, identifier and regulator, told a domain's nominal plant alone."""
-    facts = policy_plant(first_plant(domain, robot), robot)
-    own = in_units(student, arm_scales(facts))
-    seen, stage = own.policy.stages
-    assert isinstance(stage, PlantStage)
-    gear = np.append(np.ones(8), (GEAR / facts.gr) ** 2)
-    stages = seen, replace(stage, centre=np.asarray(stage.centre) * gear, scale=np.asarray(stage.scale) * gear)
-    own = replace(
-        own, policy=replace(own.policy, stages=stages), plant=facts, torque_limit=facts.limit(robot.joint)
-    )
-    return make_controller(wrapped_policy(own, float(domain.high.loop.passive_limit)))
 
 
 def main() -> None:
@@ -211,18 +125,18 @@ def main() -> None:
     settings = DistillationSettings(
         anywhere=ANYWHERE * len(schools), steps=options.steps, duration=3.0, score_steps=0
     )
-    student = student_of(schools, settings, np.random.default_rng(11))
+    student = distil(schools, settings, np.random.default_rng(11), progress=partial(print, flush=True))
     for design, (teachers, _) in zip(options.designs, schools, strict=True):
-        print(
-            f"{design}: {100 * swings_up(student, teachers, 4.0).mean():.0f} % up where it is told its plants",
-            flush=True,
-        )
+        up = 100 * swings_up(student, teachers, 4.0).mean()
+        print(f"{design}: {up:.0f} % up where it is told its plants", flush=True)
+    policy = wrapped_policy(on_plant(student, LEADERBOARD.driven(robot)))
+    provenance = {"version": __version__, "designs": options.designs, "settings": asdict(settings)}
+    write_pendulum_policy(options.folder / f"{robot.name}-universal.safetensors", policy, provenance)
     print("| design | draws within | successes |\n|---|---:|---:|")
     for design in options.judged:
         share, domain = widest(design, options.share)
-        result = judge(
-            behind_identifier(student, domain, robot), robot, "sim2real", options.seeds, seed=70_000, domain=domain
-        )
+        controller = make_controller(for_plant(policy, first_plant(domain, robot)))
+        result = judge(controller, robot, "sim2real", options.seeds, seed=70_000, domain=domain)
         print(f"| {design} | {100 * share:g} % | {result.successes} of {options.seeds} |", flush=True)
 
 

@@ -175,7 +175,7 @@ TOGETHER = {
     "velocity_noise = -1": lambda: judge(Hanging(), "acrobot", change_grid(ROBUSTNESS, "velocity_noise=-1:1:3")),
     "unknown criterion": lambda: dataclasses.replace(ROBUSTNESS, criteria=("model", "speed")),
     "ours has scores of 3 tasks, theirs of 2": lambda: probability_of_improvement(SCORES, [[1.0, 2.0]] * 2),
-    "'ar-eapo' has a plant of its own": lambda: get_controller("ar-eapo", "pendubot", plant="B.0"),
+    "'ar-eapo': it has a plant of its own": lambda: get_controller("ar-eapo", "pendubot", plant="B.0"),
     "torque limit of 0": lambda: baseline("lqr", "acrobot", load_plant("B.0").changed(tl2=0.0)),
     "= 0 N m must be positive": lambda: get_task("smooth", ACROBOT, load_plant("C.1").changed(tl1=0.0, tl2=0.0)),
     "in plain Python: call it as it is": lambda: loop_controller(get_controller("math:sin", "acrobot"), "acrobot"),

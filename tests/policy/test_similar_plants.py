@@ -1,16 +1,19 @@
 """Plants that move alike get the same controller: all around the network computes in C.1's units."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
 
-from swingup.controllers.stack.controller import policy_alone, policy_of
+from refusals import refusal
+from swingup.controllers.stack.controller import policy_alone
 from swingup.loop.on_plant import drawn_around
 from swingup.plant.plant import load_plant
-from swingup.plant.units import Scales, scales_of
+from swingup.plant.units import Scales, arm_scales, scales_of, similar_plant
+from swingup.policy.pendulum import for_plant
 from swingup.policy.shipped import load_policy
-from swingup.refine.recipe import in_units, shipped_for, wrapped_policy
+from swingup.refine.recipe import on_plant, shipped_for, wrapped_policy
 
 from .backends import C, Numpy
 from .backends import Jax as InJax
@@ -22,8 +25,8 @@ SCALES = Scales(time=0.5, torque=0.02, length=0.25)
 @pytest.fixture(scope="module")
 def pair():
     """The shipped policy, and that of a similar plant."""
-    lone = policy_alone(load_policy("adaptive", "acrobot"))
-    one, other = wrapped_policy(lone), wrapped_policy(in_units(lone, SCALES))
+    one = load_policy("adaptive", "acrobot")
+    other = for_plant(one, similar_plant(one.plant, Scales(2.0, 50.0, 4.0)))
     # The loop's period is no property of the plant: alike is a loop of twice the rate.
     return one, dataclasses.replace(
         other, estimator=dataclasses.replace(other.estimator, dt=0.001, longest_gap=0.025)
@@ -40,20 +43,25 @@ def a_run(rows):
 
 def test_a_similar_plants_policy_is_the_same_in_its_units(pair):
     one, other = pair
-    scales = scales_of(other.plant)
-    assert tuple(scales) == pytest.approx(tuple(SCALES))
+    for scales in (scales_of(other.plant), arm_scales(other.plant)):
+        assert tuple(scales) == pytest.approx(tuple(SCALES))
     assert other.identifier.passive_limit == pytest.approx(0.01)
-    back = policy_of(in_units(policy_alone(other), Scales(2.0, 50.0, 4.0)))
+    back = for_plant(other, one.plant)
     assert back.plant.values() == pytest.approx(one.plant.values())
-    assert back.torque_limit == pytest.approx(one.torque_limit)
+    assert back.torque_limit == one.torque_limit
+    # What a recipe makes of the network has the same around it.
+    made = wrapped_policy(on_plant(policy_alone(one), other.plant))
+    assert (made.identifier, made.regulator) == (other.identifier, other.regulator)
+    assert made.estimator.acceleration_noise == other.estimator.acceleration_noise
 
 
 def test_the_shipped_policy_is_for_similar_pendulums_of_any_size(either_robot, similar):
-    own, small = (shipped_for(drawn_around(plant), either_robot) for plant in ("C.1", similar(load_plant("C.1"))))
-    assert own is not None
-    assert small is not None
-    assert small.plant.values() == pytest.approx(similar(own.plant).values())
-    assert shipped_for(drawn_around("A.0"), either_robot) is None
+    plants = "C.1", similar(load_plant("C.1")), "A.0"
+    own, small, other = (dict(shipped_for(drawn_around(plant), either_robot)) for plant in plants)
+    assert small["adaptive"].plant.values() == pytest.approx(similar(own["adaptive"].plant).values())
+    assert "adaptive" not in other
+    named = refusal(load_policy, "adaptive", either_robot, "A.0")
+    assert re.match("policy 'adaptive': the policy can be told a base parameter B from .* train or refine", named)
 
 
 @pytest.mark.parametrize("kind", [Numpy, C, pytest.param(InJax, marks=pytest.mark.slow)])

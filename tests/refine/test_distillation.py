@@ -21,15 +21,15 @@ from swingup.loop.on_plant import drawn_around, loop_around
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.plant import LEADERBOARD, NAMES, Plant, load_plant
 from swingup.plant.robots import get_robot
-from swingup.plant.units import scales_of, similar_plant
+from swingup.plant.units import arm_scales, similar_plant
 from swingup.refine.analytic_policy_gradient import single_precision
 from swingup.refine.dataset import STILL, Dataset, _hanging_still
-from swingup.refine.distillation import distil, new_student
+from swingup.refine.distillation import _behind_one_gear, _joined, distil, new_student
 from swingup.refine.distillation_settings import DistillationSettings, plant_scale
 from swingup.refine.plant_draws import SWEEPS, PlantDraws, draw_plants
 from swingup.refine.recipe import wrapped_policy
 from swingup.refine.recoveries import make_recoveries
-from swingup.refine.teacher import APART, TOP_COST, make_teachers, matched_torque, taught
+from swingup.refine.teacher import APART, TOP_COST, School, make_school, make_teachers, matched_torque, taught
 from swingup.tasks.observation import PendulumStage
 
 ACROBOT, PENDUBOT = get_robot("acrobot"), get_robot("pendubot")
@@ -163,7 +163,7 @@ def test_lessons_are_joined_in_order():
 
 
 def test_a_new_student_sees_the_plant_in_units_of_its_ranges():
-    student = new_student(small(), FEW, np.random.default_rng(0))
+    student = new_student([School(a_teacher(ACROBOT)[0], small())], FEW, np.random.default_rng(0))
     assert student.policy.sees_plant
     nominal = LEADERBOARD.driven(ACROBOT)
     for sweep in SWEEPS.values():
@@ -172,6 +172,22 @@ def test_a_new_student_sees_the_plant_in_units_of_its_ranges():
         assert 0.1 < np.abs((moved - base_parameters(nominal)) / plant_scale(base_parameters(nominal))).max() < 3.0
     assert wrapped_policy(small()).parts == ("estimator",)
     assert wrapped_policy(student).parts == ("estimator", "identifier", "regulator")
+
+
+def test_of_several_designs_a_student_can_be_told_what_they_teach():
+    """The second design's links are half as heavy, and its motor is behind a gear of 3, C.1's behind one of 6."""
+    teachers, rotor = a_teacher(ACROBOT)[0], np.append(np.zeros(8, np.float32), np.float32(1e-4))
+    other = dataclasses.replace(teachers, base=0.5 * teachers.base + rotor, nominal=0.5 * teachers.nominal)
+    lighter = dataclasses.replace(small(), plant=LEADERBOARD.changed(gr=3.0))
+    schools = [School(teachers, small()), School(other, lighter)]
+    stage = new_student(schools, FEW, np.random.default_rng(0)).policy.stages[1]
+    ends = [(np.asarray(school.teachers.base[0]) - stage.centre) / stage.scale for school in schools]
+    np.testing.assert_allclose([end[:4] for end in ends], [[3.0] * 4, [-3.0] * 4], rtol=1e-4)
+    assert stage.clip == 3.0
+    assert float(_behind_one_gear(schools)[1].teachers.base[0, 8]) == pytest.approx(1e-4 / 4)
+    # Each school's runs are those of its own plants.
+    part = Dataset(np.zeros((2, 4)), np.zeros(2), np.zeros(2, np.int32), np.zeros(2))
+    assert _joined([part, part], np.array([0, 3])).plant.tolist() == [0, 0, 3, 3]
 
 
 def test_one_of_four_robots_has_a_rotor_of_any_inertia(robot):
@@ -203,7 +219,8 @@ def test_a_constant_torque_holds_the_plants_where_runs_begin_at_rest(robot):
 @pytest.mark.slow
 def test_a_student_learns_and_sees_its_plant():
     recovery, rounds = lone_policy("global", "acrobot")[0], []
-    student = distil(recovery, FEW, np.random.default_rng(0), lambda now, number: rounds.append((now, number)))
+    school = make_school(recovery, draw_plants(np.random.default_rng(0), ACROBOT, FEW.draws), FEW.nominal)
+    student = distil([school], FEW, np.random.default_rng(1), lambda now, number: rounds.append((now, number)))
     assert [number for _, number in rounds] == [1, 2, 3]
     assert student.policy.sees_plant
     _, teacher = a_teacher(ACROBOT)
@@ -211,13 +228,13 @@ def test_a_student_learns_and_sees_its_plant():
     rows = np.asarray(teacher.at_rest) == 0
     states, wanted = jnp.float32(teacher.states[rows]), np.asarray(teacher.torque[rows])
     x = jax.vmap(lambda x: student(None, jnp.zeros(()), x)[1][1])(states)
-    untrained = new_student(single_precision(recovery), FEW, np.random.default_rng(0))
+    untrained = new_student([school], FEW, np.random.default_rng(1))
     before = jax.vmap(lambda x: untrained(None, jnp.zeros(()), x)[1][1])(states)
     assert np.abs(x - wanted).mean() < 0.6 * np.abs(before - wanted).mean()
-    again = distil(recovery, FEW, np.random.default_rng(0))
+    again = distil([school], FEW, np.random.default_rng(1))
     assert all(map(np.array_equal, jax.tree.leaves(student.policy), jax.tree.leaves(again.policy)))
     more = dataclasses.replace(FEW, recovery_episodes=2, recovery_duration=0.1)
-    recovering = distil(recovery, more, np.random.default_rng(0))
+    recovering = distil([school], more, np.random.default_rng(1))
     assert not all(map(np.array_equal, jax.tree.leaves(student.policy), jax.tree.leaves(recovering.policy)))
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(recovering.policy))
 
@@ -225,12 +242,12 @@ def test_a_student_learns_and_sees_its_plant():
 def test_plants_of_any_domain_are_drawn_in_c1s_units_with_the_friction_that_no_motor_compensates(robot):
     cell = load_plant("cloudpendulum")
     domain, design = drawn_around(cell), cell.frictionless().driven(robot)
-    nominal = similar_plant(design, scales_of(design))
+    nominal = similar_plant(design, arm_scales(design))
     drawn = plants_of(draw_plants(np.random.default_rng(0), robot, PlantDraws(0, 0, 0, robot=40), nominal, domain))
     assert all(plant.limit(robot.joint) == pytest.approx(6.0) for plant in drawn)
     # 10 % either way, and a tenth of that range beyond.
     assert all(0.87 < plant.m2 / nominal.m2 < 1.13 for plant in drawn)
-    passive, torque = f"cf{2 - robot.joint}", scales_of(design).torque
+    passive, torque = f"cf{2 - robot.joint}", arm_scales(design).torque
     most = 1.5 * getattr(cell, passive) / torque
     friction = [getattr(plant, passive) for plant in drawn]
     assert 0.7 * most < max(friction) <= most

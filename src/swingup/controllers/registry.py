@@ -38,20 +38,17 @@ def get_controller(
         robot: which joint is driven.
         estimator: never (False), always (True), or where the policy file has its settings (None). Without settings
             in the file it has the defaults.
-        plant: what a baseline is designed for, and the model of an estimator before it: a plant, its name
-            or its file. A policy has one of its own.
+        plant: what a baseline is designed for, and the model of an estimator before it, or what a policy that finds
+            its plant begins with: a plant, its name or its file. Other policies have one of their own.
 
     Raises:
         SwingupError: there is no such controller or plant, it cannot be loaded, it is for another robot, it is in
-            plain Python and an estimator was requested, or it is a policy and a plant was given.
+            plain Python and an estimator was requested, or it is a policy that is not for the plant given.
     """
     robot = get_robot(robot)
     if is_policy(name):
-        if load_plant(plant) != LEADERBOARD:
-            raise SwingupError(
-                f"policy {quoted(name)} has a plant of its own: leave plant out here, and judge it on any plant"
-            )
-        return make_controller(load_policy(name, robot), estimator)
+        told = None if load_plant(plant) == LEADERBOARD else plant
+        return make_controller(load_policy(name, robot, told), estimator)
     found = baseline(name, robot, plant) if name in BASELINES else _imported(name)
     # An imported controller may bring its own estimator; a second one would estimate an estimate.
     if isinstance(found, EstimatingController):

@@ -105,8 +105,9 @@ class Plant:
 
     def frictionless(self) -> "Plant":
         """The plant without friction and rotors' inertia, idealised as the leaderboards idealise C.1."""
-        name = f"{self}{FRICTIONLESS_SUFFIX}"
-        return validated(dataclasses.replace(self, b1=0.0, b2=0.0, cf1=0.0, cf2=0.0, Ir=0.0, name=name))
+        without = dataclasses.replace(self, b1=0.0, b2=0.0, cf1=0.0, cf2=0.0, Ir=0.0)
+        name = self.name if without == self else f"{self}{FRICTIONLESS_SUFFIX}"
+        return validated(dataclasses.replace(without, name=name))
 
     def summary(self, robot: Robot | str) -> dict[str, Any]:
         """What a result says of its plant, ready for JSON."""

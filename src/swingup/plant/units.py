@@ -6,8 +6,10 @@ J = M11, and the torque of gravity on it when level is Γ:
     J = I1 + I2 + m2 l1² + 2 m2 l1 r2,    Γ = (m1 r1 + m2 l1 + m2 r2) g,    T = √(J / Γ)
 
 The body's small swings have the angular frequency 1/T, and its fall from upright grows e-fold in T. T is the unit
-of time, the motor's torque limit that of torque, and the upper link that of length. Ratios remain: two pendulums
-move alike only if their other parameters are equal in these units.
+of time of tasks, boards and baselines (:func:`scales_of`). Policies count time in √(l1 / g) (:func:`arm_scales`):
+every pendulum then has C.1's l1 and g, and its inertial base parameters alone tell it apart. The motor's torque
+limit is the unit of torque, the upper link that of length. Ratios remain: two pendulums move alike only if their
+other parameters are equal in these units, and then both units of time give the same.
 
 Numbers are written down for C.1, with their units in their fields' annotations: :func:`scaled` multiplies them, and
 :func:`similar_plant` divides a plant's own. Nothing else knows how a unit scales: what is not a record is
@@ -30,6 +32,8 @@ RecordT = TypeVar("RecordT")
 
 REFERENCE = (0.2119482605847436, TORQUE_LIMIT, 0.2)
 """T (s), torque limit (N m) and length l1 (m) of the leaderboards' plant, to the last digit."""
+REFERENCE_GRAVITY = 9.81
+"""Its g (m/s²)."""
 
 
 class Unit(NamedTuple):
@@ -63,7 +67,7 @@ class Scales(NamedTuple):
     """A pendulum's units as multiples of C.1's; a compiled program may take them as its arguments."""
 
     time: float
-    """Unit of time, T."""
+    """Unit of time: T, or √(l1 / g)."""
     torque: float
     """Unit of torque: the larger of the two torque limits, relative to 6 N m."""
     length: float
@@ -120,6 +124,12 @@ def scales_of(parameters: "Plant") -> Scales:
     time, _ = _time_and_gravity(parameters)
     absolute = time, float(max(parameters.tl1, parameters.tl2)), float(parameters.l1)
     return Scales(*(value / unit for value, unit in zip(absolute, REFERENCE, strict=True)))
+
+
+def arm_scales(parameters: "Plant") -> Scales:
+    """The units of a pendulum's policies, relative to C.1's: as :func:`scales_of`, but for the time, √(l1 / g)."""
+    torque, length = float(max(parameters.tl1, parameters.tl2)) / REFERENCE[1], float(parameters.l1) / REFERENCE[2]
+    return Scales(math.sqrt(length * REFERENCE_GRAVITY / float(parameters.g)), torque, length)
 
 
 def torque_over_gravity(parameters: "Plant") -> float:

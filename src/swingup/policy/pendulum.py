@@ -1,7 +1,7 @@
 """A policy for a pendulum: what its file holds, checked, which every back end takes."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +12,15 @@ from ..common.text import quoted
 from ..plant.base_parameters import base_parameters
 from ..plant.plant import Plant
 from ..plant.robots import ROBOTS, Robot, get_robot
-from ..plant.units import scales_of, similar_plant
+from ..plant.units import arm_scales, scaled, similar_plant
 from .estimator.settings import EstimatorSettings
 from .file import read_network, write_network
 from .guard.settings import GuardSettings
 from .identifier.settings import IdentifierSettings, prior
 from .network.fold import fold
 from .network.layers import Network
-from .network.stages import PendulumStage
-from .plant_facts import PLANT, read_plant, write_plant
+from .network.stages import PendulumStage, stages_for
+from .plant_facts import PLANT, beyond, policy_plant, read_plant, write_plant
 from .regulator.settings import RegulatorSettings, fixed_point
 
 PARTS = tuple(kind.PART for kind in (EstimatorSettings, GuardSettings, IdentifierSettings, RegulatorSettings))
@@ -58,7 +58,7 @@ class PendulumPolicy:
             prior(self.plant)
         if self.regulator is not None:
             # So is this one: it refuses a plant that the regulator cannot hold.
-            fixed_point(similar_plant(self.plant, scales_of(self.plant)), self.robot.joint)
+            fixed_point(similar_plant(self.plant, arm_scales(self.plant)), self.robot.joint)
 
     @property
     def folded(self) -> Network:
@@ -81,6 +81,26 @@ class PendulumPolicy:
         passive = 0.0 if self.identifier is None else self.identifier.passive_limit
         driven = self.plant.limit(self.robot.joint)
         return (driven, passive) if self.robot.joint == 0 else (passive, driven)
+
+
+def for_plant(policy: PendulumPolicy, plant: Plant) -> PendulumPolicy:
+    """A policy that sees the plant that its identifier finds, for another plant, in that one's units.
+
+    It begins with the plant without friction and rotors' inertia.
+
+    Raises:
+        SwingupError: the policy has one plant, or cannot be told this one.
+    """
+    robot, made_for, plant = policy.robot, policy.plant, policy_plant(plant.frictionless(), policy.robot)
+    network = replace(policy.network, stages=stages_for(policy.network.stages, made_for, plant))
+    if network.plant_stage is None or policy.identifier is None:
+        raise SwingupError("it has a plant of its own: leave plant out here, and judge it on any plant")
+    if (reason := beyond(network.plant_stage, plant)) is not None:
+        raise SwingupError(reason)
+    scales = arm_scales(plant).over(arm_scales(made_for))
+    parts = {name: scaled(getattr(policy, name), scales) for name in policy.parts}
+    limit = policy.torque_limit / made_for.limit(robot.joint) * plant.limit(robot.joint)
+    return replace(policy, network=network, plant=plant, torque_limit=limit, **parts)
 
 
 def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> PendulumPolicy:

@@ -76,7 +76,7 @@ def plant_difference(
     }
     name = max(changes, key=lambda each: abs(changes[each]))
     if not abs(changes[name]) > LARGE_DIFFERENCE:
-        return None if identified is None else _beyond(identified, base_parameters(plant))
+        return None if identified is None else beyond(identified, plant)
     own = f"{quoted(made_for.name)} " if made_for.name else ""
     more = "the torque limit" if name.startswith("friction") else "it"
     many = sum(abs(change) > LARGE_DIFFERENCE for change in changes.values()) - 1
@@ -87,8 +87,9 @@ def plant_difference(
     )
 
 
-def _beyond(stage: PlantStage, base: np.ndarray) -> str | None:
-    """One sentence on the base parameter (9,) that a policy can be told least of; None if it can be told all."""
+def beyond(stage: PlantStage, plant: Plant) -> str | None:
+    """One sentence on a plant's base parameter that is farthest beyond what a policy can be told; None for none."""
+    base = base_parameters(plant)
     far = np.abs(base - stage.centre) / stage.scale
     # Friction is compensated: the policy is told what is left of it.
     far[FRICTIONS] = 0.0

@@ -7,8 +7,10 @@ from pathlib import Path
 from ..common.arrays import SUFFIX
 from ..common.checks import one_of
 from ..common.errors import SwingupError
+from ..common.text import quoted
+from ..plant.plant import PlantLike, load_plant
 from ..plant.robots import Robot, get_robot
-from .pendulum import PendulumPolicy, read_pendulum_policy
+from .pendulum import PendulumPolicy, for_plant, read_pendulum_policy
 
 ADAPTIVE = "adaptive"
 """Sees the plant that an identifier finds while it swings up; a regulator for that plant holds it."""
@@ -17,6 +19,8 @@ AR_EAPO = "ar-eapo"
 GLOBAL = "global"
 """Trained to recover from throws."""
 
+FINDERS = (ADAPTIVE,)
+"""Those that begin with any plant of a range, the one of the narrower range first."""
 SHIPPED_POLICIES = (ADAPTIVE, AR_EAPO, GLOBAL)
 """Names of the shipped policies, which are those of their controllers and of their files."""
 DEFAULT = ADAPTIVE
@@ -42,16 +46,29 @@ def is_policy(source: str | Path) -> bool:
     return source in SHIPPED_POLICIES or str(source).endswith(SUFFIX)
 
 
-def load_policy(source: str | Path, robot: Robot | str | None = None) -> PendulumPolicy:
+def load_policy(
+    source: str | Path, robot: Robot | str | None = None, plant: PlantLike | None = None
+) -> PendulumPolicy:
     """Read a policy file, or a policy that the package ships.
 
     Args:
         source: a policy file, or ``adaptive``, ``ar-eapo`` or ``global``.
         robot: the robot that it must be for; needed with a name.
+        plant: what a policy that finds its plant is to begin with, in that plant's units: a plant, its name or its
+            file; None for the plant of the policy's file.
 
     Raises:
-        SwingupError: there is no such policy, or it is damaged, or for another robot.
+        SwingupError: there is no such policy or plant, or the policy is damaged, for another robot, or not for this
+            plant.
     """
+    found, on = _read(source, robot), None if plant is None else load_plant(plant)
+    try:
+        return found if on is None else for_plant(found, on)
+    except SwingupError as error:
+        raise SwingupError(f"policy {quoted(str(source))}: {error}") from error
+
+
+def _read(source: str | Path, robot: Robot | str | None) -> PendulumPolicy:
     if str(source).endswith(SUFFIX):
         return read_pendulum_policy(source, robot)
     name = one_of("policy", str(source), SHIPPED_POLICIES, f" or a policy file ({SUFFIX})")

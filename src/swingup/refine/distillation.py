@@ -5,10 +5,13 @@ others mostly the student, and in the states that are visited the teachers say w
 plant's swing-up or where a throw leaves the pendulum, under noise of the torques. In many of them the student sees
 the nominal plant at first and its own only later, as behind an identifier. At the end the gradient of the score
 through whole swing-ups of the nominal plant is added, and if settings ask, of recoveries on the plants.
+
+A student may learn from schools about several nominal plants, as of several designs. Its gear, score and recoveries
+are those of the first.
 """
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -18,25 +21,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..areapo.initial import init_actor
 from ..areapo.networks import Actor
 from ..common.types import Key, Scalar, State
-from ..controllers.baselines.continuation import SwingUps, continue_swingups, nominal_swingups
-from ..controllers.baselines.continuation_settings import ContinuationSettings
 from ..controllers.stack.controller import PolicyController, plant_of
 from ..controllers.stack.policy import Policy
-from ..loop.domain import Domain
 from ..plant.base_parameters import BASE, base_parameters
-from ..plant.plant import LEADERBOARD
 from ..tasks.observation import PendulumStage, PlantStage
-from .analytic_policy_gradient import PolicyGradientSettings, batch_cost, single_precision, with_actor
+from .analytic_policy_gradient import PolicyGradientSettings, batch_cost, with_actor
 from .dataset import Dataset, dagger_rollouts, swings_up, uniform_states
 from .distillation_settings import DistillationSettings, plant_scale
-from .plant_draws import draw_plants
 from .recoveries import Recoveries, make_recoveries, recovery_cost
-from .teacher import make_teachers
+from .teacher import School
 
 Progress = Callable[[str, int, int], None]
 """Called with what is computed, how much of it is done, and of how much."""
@@ -44,72 +42,97 @@ UP_SHARE = 0.1
 """Share of an episode in which the tip is up, from about which on its score counts."""
 PARTS = 40
 """Calls in which steps are taken; progress is told between them."""
+CLIP = 3.0
+"""Most of a base parameter that the network sees, in its units: the ends of what several schools teach."""
+INERTIAL = slice(0, 4)
+"""Places of the inertial ones among them."""
 SPREAD = 0.01
 """Largest standard deviation of the first states of the scored swing-ups (rad, rad/s)."""
 
 
 def distil(
-    recovery: PolicyController,
+    schools: Sequence[School],
     settings: DistillationSettings,
     random: np.random.Generator,
     tell: Callable[[PolicyController, int], None] = lambda _, __: None,
-    domain: Domain | None = None,
     progress: Progress = lambda _, __, ___: None,
 ) -> PolicyController:
-    """A policy that sees its plant, from nothing but teachers.
+    """A policy that sees its plant, from nothing but teachers, for the first school's nominal plant.
 
-    The policy to start from recovers from anywhere on the nominal plant, in C.1's units. ``tell`` is called after
-    each round with the student and the number of rounds so far, and once more at the end.
+    ``tell`` is called after each round with the student and the number of rounds so far, and once more at the end.
     """
-    robot, nominal = recovery.robot, plant_of(recovery)
-    targets = draw_plants(random, robot, settings.draws, nominal, domain)
-    start = LEADERBOARD if nominal.values() == LEADERBOARD.driven(robot).values() else nominal
-    # Optimal swing-ups of the plants, as far as they are reached, and then those of the nominal one.
-    found = continue_swingups(robot, targets, progress=partial(progress, "swing-ups"), nominal=start)
-    more = nominal_swingups(robot, settings.nominal, ContinuationSettings(), start)
-    swingups: SwingUps = jax.tree.map(lambda *parts: np.concatenate(parts), found, more)
-    teachers, recovery = make_teachers(swingups, nominal), single_precision(recovery)
-    student = new_student(recovery, settings, random)
-    dataset = uniform_states(teachers, recovery, settings, random)
+    schools, each = _behind_one_gear(schools), settings.anywhere // len(schools)
+    settings = replace(settings, anywhere=each * len(schools))
+    student = new_student(schools, settings, random)
+    bases = jnp.concatenate([school.teachers.base for school in schools])
+    firsts = np.cumsum([0, *(school.teachers.number for school in schools[:-1])])
+    states = [uniform_states(*school, replace(settings, anywhere=each), random) for school in schools]
+    dataset = _joined(states, firsts)
     for number in range(1, settings.rounds + 1):
-        which, own = np.arange(teachers.number), 0.0
-        if number > 1:
-            failing, own = np.flatnonzero(~swings_up(student, teachers, settings.duration)), settings.own
-            replaced = random.uniform(size=which.shape) < settings.failing
-            which = np.where(replaced, random.choice(failing, which.shape), which) if len(failing) else which
-        dataset += dagger_rollouts(teachers, recovery, student, settings, random, own, which)
+        runs = []
+        for teachers, recovery in schools:
+            which, own = np.arange(teachers.number), 0.0
+            if number > 1:
+                failing, own = np.flatnonzero(~swings_up(student, teachers, settings.duration)), settings.own
+                replaced = random.uniform(size=which.shape) < settings.failing
+                which = np.where(replaced, random.choice(failing, which.shape), which) if len(failing) else which
+            runs.append(dagger_rollouts(teachers, recovery, student, settings, random, own, which))
+        dataset += _joined(runs, firsts)
         longest = number in (1, settings.rounds)
         steps = settings.steps if longest else settings.steps // 2
         rate = settings.learning_rate * (1.0 if number == 1 else 0.6)
         optimiser = optax.adam(optax.cosine_decay_schedule(rate, steps))
         told = partial(progress, f"lessons {number} of {settings.rounds}")
-        student = descend(student, teachers.base, dataset, settings, _key(random), steps, optimiser, told)
+        student = descend(student, bases, dataset, settings, _key(random), steps, optimiser, told)
         tell(student, number)
     if steps := settings.score_steps:
         schedule = optax.warmup_cosine_decay_schedule(0.0, settings.score_rate, steps // 8, steps)
         # Gradients through the pendulum are bounded.
         optimiser = optax.chain(optax.clip_by_global_norm(2.0), optax.adam(schedule))
+        first = schools[0].teachers
         ends = (
             PolicyGradientSettings(duration=settings.score_duration),
-            make_recoveries(student, teachers, settings, random) if settings.recovery_episodes else None,
+            make_recoveries(student, first, settings, random) if settings.recovery_episodes else None,
         )
         told, key = partial(progress, "score"), _key(random)
-        student = descend(student, teachers.base, dataset, settings, key, steps, optimiser, told, *ends)
+        student = descend(student, bases, dataset, settings, key, steps, optimiser, told, *ends)
         tell(student, settings.rounds + 1)
     return eqx.tree_at(lambda c: c.policy, student, jax.tree.map(np.asarray, student.policy))
 
 
 def new_student(
-    recovery: PolicyController, settings: DistillationSettings, random: np.random.Generator
+    schools: Sequence[School], settings: DistillationSettings, random: np.random.Generator
 ) -> PolicyController:
-    """A policy with random weights that sees the state and the plant."""
-    plant = plant_of(recovery)
-    nominal = base_parameters(plant)
-    centre, scale = (jnp.asarray(each, jnp.float32) for each in (nominal, plant_scale(nominal, plant.gr)))
-    stages = PendulumStage(angles="sincos"), PlantStage(centre, scale, clip=3.0)
+    """A policy with random weights that sees the state and the plant, for the first school's nominal one."""
+    recovery = schools[0].recovery
+    centre, gear = base_parameters(plant_of(recovery)), plant_of(recovery).gr
+    scale = plant_scale(centre, gear)
+    if len(schools) > 1:
+        # Designs are farther apart than the shares of one: from the least to the most that is taught.
+        taught = np.concatenate([np.asarray(school.teachers.base[:, INERTIAL], float) for school in schools])
+        least, most = taught.min(axis=0), taught.max(axis=0)
+        centre[INERTIAL], scale[INERTIAL] = (least + most) / 2, (most - least) / (2 * CLIP)
+    sees = PlantStage(jnp.asarray(centre, jnp.float32), jnp.asarray(scale, jnp.float32), clip=CLIP)
+    stages = PendulumStage(angles="sincos"), sees
     actor = init_actor(_key(random), stages[0].size() + BASE, 1, settings.layers, 0.0)
     policy = Policy(stages, replace(actor, std_head=None))
     return PolicyController(policy, recovery.torque_limit, recovery.robot, recovery.plant)
+
+
+def _behind_one_gear(schools: Sequence[School]) -> list[School]:
+    """The schools with the inertias that rotors would have behind the first one's gear."""
+    found, gear = [], plant_of(schools[0].recovery).gr
+    for teachers, recovery in schools:
+        factors = np.append(np.ones(BASE - 1), (plant_of(recovery).gr / gear) ** 2).astype(np.float32)
+        bases = teachers.base * factors, teachers.nominal * factors
+        found.append(School(replace(teachers, base=bases[0], nominal=bases[1]), recovery))
+    return found
+
+
+def _joined(parts: Sequence[Dataset], firsts: Int[np.ndarray, "schools"]) -> Dataset:
+    """What schools teach, whose plants begin at these places."""
+    moved = [part._replace(plant=part.plant + np.int32(at)) for part, at in zip(parts, firsts, strict=True)]
+    return sum(moved[1:], moved[0])
 
 
 def descend(

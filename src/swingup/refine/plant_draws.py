@@ -10,7 +10,7 @@ from ..benchmark.rules import MODEL_SWEEPS, ModelSweep
 from ..loop.domain import Domain, load_domain
 from ..plant.plant import LEADERBOARD, NAMES, Plant
 from ..plant.robots import Robot
-from ..plant.units import TORQUE, Scales, scales_of, similar_plant
+from ..plant.units import TORQUE, Scales, arm_scales, similar_plant
 
 SWEEPS = MODEL_SWEEPS
 """The parameters that change, and their ranges."""
@@ -106,7 +106,7 @@ def _robots(random: np.random.Generator, robot: Robot, domain: Domain, nominal: 
     for name, low, high in domain.ranges:
         beyond = margin * (high - low)
         drawn[name] = random.uniform(low - beyond, high + beyond)
-    scales = scales_of(domain.design.driven(robot))
+    scales = arm_scales(domain.design.driven(robot))
     plant = domain.nominal_plant.changed(**{name: value for name, value in drawn.items() if name in NAMES})
     left = {name: random.uniform(-0.5 * most, most) for name, most in _left(robot, domain, scales).items()}
     plant = similar_plant(plant, scales).changed(**left, tl1=nominal.tl1, tl2=nominal.tl2)

@@ -3,7 +3,7 @@
 import dataclasses
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -15,23 +15,25 @@ import numpy as np
 from ..benchmark.criteria import Criteria
 from ..benchmark.judge import judge
 from ..common.errors import SwingupError
-from ..controllers.stack.controller import PolicyController, make_controller, plant_of, policy_alone, policy_of
+from ..controllers.stack.controller import PolicyController, make_controller, plant_of, policy_of
 from ..loop.domain import Domain, load_domain
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..plant.robots import Robot
-from ..plant.units import ACCELERATION, C1, TORQUE, Scales, scaled, scales_of, similar_plant
+from ..plant.units import ACCELERATION, arm_scales, scaled, similar_plant
 from ..policy.estimator.settings import default_estimator
 from ..policy.identifier.settings import IdentifierSettings
+from ..policy.network.stages import stages_for
 from ..policy.pendulum import PendulumPolicy
 from ..policy.plant_facts import plant_difference, policy_plant
 from ..policy.regulator.settings import RegulatorSettings
-from ..policy.shipped import ADAPTIVE, load_policy
+from ..policy.shipped import FINDERS, load_policy
 from .analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings, with_actor
 from .distillation import Progress, distil
 from .distillation_settings import DistillationSettings
 from .episodes import EpisodeSettings, sample_episodes
 from .objective import EpisodeWeights
-from .plant_draws import RECORDED, behind_motor
+from .plant_draws import RECORDED, behind_motor, draw_plants
+from .teacher import make_school
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -134,17 +136,16 @@ def run_recipe(
             _LOGGER.warning("without a plant the policy is refined on the leaderboards': %s", difference)
     # Only the mean acts when a policy is judged; the deviation's head would stay without gradient.
     controller = eqx.tree_at(lambda c: c.policy.actor.std_head, controller, None, is_leaf=lambda leaf: leaf is None)
-    facts, scales = policy_plant(found, robot), scales_of(found.driven(robot))
+    facts = policy_plant(found, robot)
     # As it moves its own plant, in that plant's units, so it is to move this one.
-    controller = in_units(controller, C1.over(scales_of(plant_of(controller))))
-    similar = similar_plant(facts, scales)
-    controller = dataclasses.replace(controller, plant=similar, torque_limit=similar.limit(robot.joint))
+    similar = similar_plant(facts, arm_scales(facts))
+    controller = on_plant(controller, similar)
     limit = float(around.high.loop.passive_limit)
     random = np.random.default_rng(seed)
 
     def tell(number: int, now: PolicyController, iteration: int, of: int, measures: dict[str, float]) -> None:
         # Alone, or where it sees its plant with what finds that.
-        real = dataclasses.replace(in_units(now, scales), plant=facts)
+        real = on_plant(now, facts)
         judged = make_controller(wrapped_policy(real, limit)) if now.policy.sees_plant else real
         criteria = judge(judged, robot, plant=found).criteria
         report(RefinementReport(number, iteration, of, time.perf_counter() - start, real, criteria, measures))
@@ -159,8 +160,10 @@ def run_recipe(
         def tell_round(now: PolicyController, done: int, tell: Any = tell_stage, of: int = rounds) -> None:
             tell(_checked(now), done, of, {})
 
-        controller = distil(controller, stage, random, tell_round, around, progress)
-    return dataclasses.replace(in_units(controller, scales), plant=facts)
+        targets = draw_plants(random, robot, stage.draws, similar, around)
+        school = make_school(controller, targets, stage.nominal, partial(progress, "swing-ups"))
+        controller = distil([school], stage, random, tell_round, progress)
+    return on_plant(controller, facts)
 
 
 def first_plant(domain: Domain, robot: Robot) -> Plant:
@@ -169,32 +172,31 @@ def first_plant(domain: Domain, robot: Robot) -> Plant:
     It is the design that the domain's source names, or else the middle of the ranges as it seems behind a motor of
     the middle gain: an identifier that begins with it errs least.
     """
-    plant, without = domain.design, domain.design.frictionless()
-    if plant == domain.nominal_plant:
-        without = behind_motor(without, getattr(domain.nominal.loop, f"gain{robot.joint + 1}"))
-    return plant if plant.values() == without.values() else without
+    plant = domain.design.frictionless()
+    if domain.design != domain.nominal_plant:
+        return plant
+    return behind_motor(plant, getattr(domain.nominal.loop, f"gain{robot.joint + 1}"))
 
 
-def in_units(controller: PolicyController, scales: Scales) -> PolicyController:
-    """A policy of a pendulum for the similar one whose units are these multiples of its own."""
-    stages = tuple(scaled(stage, scales) for stage in controller.policy.stages)
+def on_plant(controller: PolicyController, plant: Plant) -> PolicyController:
+    """A policy for another plant, in that one's units."""
+    stages = stages_for(controller.policy.stages, plant_of(controller), plant)
     policy = dataclasses.replace(controller.policy, stages=stages)
-    plant, limit = similar_plant(controller.plant, C1.over(scales)), scales.scaled(controller.torque_limit, TORQUE)
+    limit = plant.limit(controller.robot.joint)
     return dataclasses.replace(controller, policy=policy, plant=plant, torque_limit=limit)
 
 
-def shipped_for(domain: Domain, robot: Robot) -> PendulumPolicy | None:
-    """The shipped ``adaptive`` in the units of a domain's plants; None where their first one is beyond it."""
-    shipped, plant = load_policy(ADAPTIVE, robot), policy_plant(first_plant(domain, robot), robot)
-    scales = scales_of(plant).over(scales_of(shipped.plant))
-    if (
-        plant_difference(shipped.plant, similar_plant(plant, scales), robot, shipped.network.plant_stage)
-        is not None
-    ):
-        return None
-    controller = in_units(policy_alone(shipped), scales)
-    controller = dataclasses.replace(controller, plant=plant, torque_limit=plant.limit(robot.joint))
-    return wrapped_policy(controller, float(domain.high.loop.passive_limit))
+def shipped_for(domain: Domain, robot: Robot) -> Iterator[tuple[str, PendulumPolicy]]:
+    """The shipped policies that a domain's first plant is not beyond, with their names, the narrower one first."""
+    plant, limit = first_plant(domain, robot), float(domain.high.loop.passive_limit)
+    for name in FINDERS:
+        try:
+            found = load_policy(name, robot, plant)
+        except SwingupError:
+            continue
+        assert found.identifier is not None  # it finds its plant
+        identifier = dataclasses.replace(found.identifier, passive_limit=limit)
+        yield name, dataclasses.replace(found, identifier=identifier)
 
 
 def wrapped_policy(controller: PolicyController, passive_limit: float | None = None) -> PendulumPolicy:
@@ -202,7 +204,7 @@ def wrapped_policy(controller: PolicyController, passive_limit: float | None = N
 
     ``passive_limit`` is the largest compensation of the passive joint's friction (N m); None for the usual one.
     """
-    scales = scales_of(plant_of(controller))
+    scales = arm_scales(plant_of(controller))
     policy, estimator = policy_of(controller), default_estimator(plant_of(controller))
     if not controller.policy.sees_plant:
         return dataclasses.replace(policy, estimator=estimator)

@@ -1,17 +1,23 @@
-"""What a plant's teacher does: the best torque known for a plant that is known, in any state.
+"""What a plant's teacher does: the best torque known for a plant that is known, in any state; and schools of them.
 
 Near the plant's own optimal swing-up it is that swing-up with its feedback gains, about the nearest of its rows: no
 time enters. At the top it is the plant's LQR. Elsewhere it is a policy that recovers from anywhere on the nominal
 plant, with its torque changed so that the plant moves as the nominal one would.
 """
 
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..common.types import Scalar, State
-from ..controllers.baselines.continuation import SwingUps, plant_lqr
+from ..controllers.baselines.continuation import SwingUps, continue_swingups, nominal_swingups, plant_lqr
+from ..controllers.baselines.continuation_settings import ContinuationSettings
 from ..controllers.baselines.dry_friction import friction_gain
 from ..controllers.stack.controller import PolicyController, plant_of
 from ..controllers.stack.maths import JAX
@@ -19,6 +25,7 @@ from ..dynamics.angles import UPRIGHT, wrap_difference
 from ..dynamics.dynamics import acceleration
 from ..plant.base_parameters import base_parameters
 from ..plant.plant import LEADERBOARD, NAMES, Plant, validated
+from ..plant.units import C1, scaled, scales_of, similar_plant
 from .analytic_policy_gradient import single_precision
 
 APART = 4
@@ -94,6 +101,38 @@ def make_teachers(swingups: SwingUps, nominal: Plant = LEADERBOARD) -> Teachers:
     arrays = bases, np.tile(centre, (len(bases), 1)), *rows, gains, friction, cost_to_go
     teachers: Teachers = single_precision(Teachers(swingups.plants, *arrays))  # type: ignore[arg-type]  # NumPy's
     return teachers
+
+
+class School(NamedTuple):
+    """Teachers for plants about a nominal one, and the policy that recovers from anywhere on that one."""
+
+    teachers: Teachers
+    recovery: PolicyController
+    """In single precision, in C.1's units; its plant is the nominal one."""
+
+
+def make_school(
+    recovery: PolicyController, targets: Plant, copies: int, progress: Callable[[int, int], None] | None = None
+) -> School:
+    """Teachers for drawn plants, as far as their swing-ups are reached, and for the nominal one.
+
+    Args:
+        recovery: the policy that recovers, in C.1's units.
+        targets: the drawn plants, in these units, leaves of shape (n,).
+        copies: number of the nominal plant's teachers.
+        progress: called with the number of swing-ups that are done, and of all.
+    """
+    robot, nominal = recovery.robot, plant_of(recovery)
+    # The continuation's settings suit swing-ups of the same duration in T.
+    own = scales_of(nominal)
+    begin = similar_plant(nominal, own)
+    if begin.values() == LEADERBOARD.driven(robot).values():
+        begin = LEADERBOARD
+    found = continue_swingups(robot, similar_plant(targets, own), progress=progress, nominal=begin)
+    more = nominal_swingups(robot, copies, ContinuationSettings(), begin)
+    both: SwingUps = jax.tree.map(lambda *parts: np.concatenate(parts), found, more)
+    swingups = replace(scaled(both, own), plants=similar_plant(both.plants, C1.over(own)))
+    return School(make_teachers(swingups, nominal), single_precision(recovery))
 
 
 def taught(one: Teachers, recovery: PolicyController, tube: float | Scalar, x: State) -> tuple[Scalar, Scalar]:

@@ -12,7 +12,7 @@ another swing-up may exist. Steps are single ones of RK4, so that stiff Coulomb 
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any
 
 import equinox as eqx
 import jax
@@ -24,6 +24,7 @@ from ...common.types import Scalar
 from ...dynamics.angles import UPRIGHT
 from ...plant.plant import LEADERBOARD, NAMES, Plant, validated
 from ...plant.robots import Robot, get_robot
+from ...plant.units import DAMPING, STATE, TIME, TORQUE
 from ..swingups.design import followed, motion, solve_from_rest
 from ..swingups.ilqr import feedback_gains
 from ..swingups.reference import Reference
@@ -48,7 +49,7 @@ class SwingUps(eqx.Module):
     """A swing-up for each of n plants, from hanging at rest."""
 
     robot: Robot = eqx.field(static=True)
-    dt: float = eqx.field(static=True)
+    dt: Annotated[float, TIME] = eqx.field(static=True)
     """Time between rows (s)."""
     plants: Plant
     """The plants at which they stand, leaves of shape (n,): the targets where they were reached."""
@@ -56,11 +57,11 @@ class SwingUps(eqx.Module):
     """λ of these plants: 1 at the target, 0 at the nominal plant."""
     cost: Float[Any, "n"]
     """NaN where no step was taken."""
-    states: Float[Any, "n rows+1 4"]
+    states: Annotated[Float[Any, "n rows+1 4"], *STATE]
     """[q1, q2, dq1, dq2] (rad, rad/s)"""
-    torque: Float[Any, "n rows"]
+    torque: Annotated[Float[Any, "n rows"], TORQUE]
     """N m"""
-    gains: Float[Any, "n rows 4"]
+    gains: Annotated[Float[Any, "n rows 4"], TORQUE, TORQUE, DAMPING, DAMPING]
     """K (N m/rad, N m s/rad) of u + K (x - x_i)."""
 
     def reference(self, index: int) -> Reference:

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from ...common.types import State, Torque
 from ...plant.plant import Plant
 from ...plant.robots import Robot
-from ...plant.units import BASE_UNITS, STATE, TORQUE, Scales, scales_of
+from ...plant.units import BASE_UNITS, STATE, TORQUE, Scales, arm_scales
 from ...policy.estimator import core
 from ...policy.estimator.core import EstimatorState, Loop
 from ...policy.estimator.settings import EstimatorSettings, default_estimator
@@ -55,7 +55,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
     @property
     def scales(self) -> Scales:
         """The plant's units; estimator and identifier compute in C.1's."""
-        return scales_of(self.plant)
+        return arm_scales(self.plant)
 
     @property
     def passive_limit(self) -> float:

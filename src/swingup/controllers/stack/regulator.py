@@ -13,7 +13,7 @@ from ...plant.base_parameters import Geometry, base_parameters
 from ...plant.equations import Number
 from ...plant.plant import Plant
 from ...plant.robots import Robot
-from ...plant.units import BASE_UNITS, STATE, TORQUE, Scales, scales_of
+from ...plant.units import BASE_UNITS, STATE, TORQUE, Scales, arm_scales
 from ...policy.regulator import core
 from ...policy.regulator.core import Loop, RegulatorState
 from ...policy.regulator.settings import RICCATI_STEPS, Q, R, RegulatorSettings
@@ -84,7 +84,7 @@ def with_regulator(
     """Put a regulator for a plant, with a largest torque (N m), behind a policy."""
     made = core.make_loop(settings, plant, robot.joint, limit, lambda P: P[TRIANGLE], advanced, cost, command)
     known = made.start, made.torque_limit, made.geometry, made.settings
-    return RegulatingController(controller, base_parameters(plant), *known, scales_of(plant), robot)
+    return RegulatingController(controller, base_parameters(plant), *known, arm_scales(plant), robot)
 
 
 def advanced(P: Float[Array, "10"], step: Discrete) -> Float[Array, "10"]:

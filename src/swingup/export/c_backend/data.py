@@ -9,7 +9,7 @@ from ...common.errors import SwingupError
 from ...plant.base_parameters import BASE, base_parameters, lumped
 from ...plant.equations import COULOMB_STEEPNESS, mass_entries
 from ...plant.momentum import CLOSE_RATES
-from ...plant.units import C1, Scales, scaled, scales_of, similar_plant
+from ...plant.units import C1, Scales, arm_scales, scaled, similar_plant
 from ...policy.estimator import core as estimator
 from ...policy.guard.settings import BRAKED_MULTIPLE, PUSHING_SHARE, SENTENCES, STANDSTILLS, GuardSettings, Reason
 from ...policy.identifier import settings as identifier
@@ -63,7 +63,7 @@ def runtime_data(policy: PendulumPolicy) -> dict[str, Data]:
 
 def plant_data(policy: PendulumPolicy) -> Data:
     """What the policy's plant is, in its base parameters and C.1's units, these units, and what its motors can."""
-    scales = scales_of(policy.plant)
+    scales = arm_scales(policy.plant)
     plant = similar_plant(policy.plant, scales)
     return {
         "TIME_UNIT": scales.time,
@@ -95,7 +95,7 @@ def network_data(policy: PendulumPolicy) -> Data:
     }
     for index, layer in enumerate(layers):
         data |= {f"weight_{index}": layer.weight.T, f"bias_{index}": layer.bias.astype(np.float64)}
-    return _observation_data(network.stages, scales_of(policy.plant)) | data
+    return _observation_data(network.stages, arm_scales(policy.plant)) | data
 
 
 def _observation_data(stages: Sequence[Stage], scales: Scales) -> Data:

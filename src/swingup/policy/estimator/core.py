@@ -45,7 +45,7 @@ from ...plant.damped import Friction, damped_midpoint_step
 from ...plant.equations import Lumped, Number, Pair, friction, lump
 from ...plant.maths import Maths
 from ...plant.plant import Plant
-from ...plant.units import C1, scaled, scales_of, similar_plant
+from ...plant.units import C1, arm_scales, scaled, similar_plant
 from ..identifier import core as identifier
 from ..identifier.compensation import Load
 from ..identifier.core import Found
@@ -97,7 +97,7 @@ def make_loop(
 
     The plant is the nominal one. With settings of an identifier, ``finding``, the model is what that finds.
     """
-    scales = scales_of(plant)
+    scales = arm_scales(plant)
     s, plant, identifies = own_estimator(settings, scales), similar_plant(plant, scales), None
     if finding is not None:
         own = scaled(finding, C1.over(scales))

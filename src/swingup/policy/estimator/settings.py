@@ -8,7 +8,7 @@ import numpy as np
 from ...common.riccati import solve_riccati
 from ...common.settings import Range, check_ranges
 from ...plant.plant import Plant
-from ...plant.units import ACCELERATION, C1, TIME, VELOCITY, Scales, scaled, scales_of
+from ...plant.units import ACCELERATION, C1, TIME, VELOCITY, Scales, arm_scales, scaled
 
 POSITION_NOISE = 1e-4
 """Standard deviation of the measured angles (rad): that of an encoder of 2^14 counts is 1.1e-4."""
@@ -40,7 +40,7 @@ class EstimatorSettings:
 
 def default_estimator(plant: Plant) -> EstimatorSettings:
     """The defaults in a plant's own units: noise of velocities and accelerations; encoder and loop stay."""
-    return scaled(EstimatorSettings(), scales_of(plant))
+    return scaled(EstimatorSettings(), arm_scales(plant))
 
 
 def own_estimator(settings: EstimatorSettings, scales: Scales) -> EstimatorSettings:

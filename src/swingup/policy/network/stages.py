@@ -5,7 +5,7 @@ pytrees; numbers may be traced, so that they are checked where a network is made
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any, ClassVar
 
@@ -16,7 +16,8 @@ from ...common.errors import SwingupError
 from ...common.settings import Range, in_range, read_values, settings_of
 from ...plant.base_parameters import BASE
 from ...plant.maths import TURN
-from ...plant.units import BASE_UNITS, VELOCITY
+from ...plant.plant import Plant
+from ...plant.units import BASE_UNITS, VELOCITY, arm_scales, scaled
 
 ANGLES = ("wrapped", "sincos")
 """Encodings of the angles."""
@@ -130,6 +131,22 @@ Stage = PendulumStage | NormaliseStage | PlantStage
 
 STAGES: dict[str, type[Stage]] = {"pendulum": PendulumStage, "normalise": NormaliseStage, "plant": PlantStage}
 """Stages by their name in the file."""
+
+
+def stages_for(stages: Sequence[Stage], made_for: Plant, plant: Plant) -> tuple[Stage, ...]:
+    """The stages of a plant's policy for another plant, in that one's units.
+
+    What a rotor's inertia moves grows with the square of its gear ratio.
+    """
+    scales, found = arm_scales(plant).over(arm_scales(made_for)), []
+    rotor = np.append(np.ones(BASE - 1), (made_for.gr / plant.gr) ** 2)
+    for stage in stages:
+        own = scaled(stage, scales)
+        if isinstance(own, PlantStage):
+            factors = rotor.astype(own.centre.dtype)
+            own = replace(own, centre=own.centre * factors, scale=own.scale * factors)
+        found.append(own)
+    return tuple(found)
 
 
 def arrays_of(kind: type[Stage]) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ import numpy as np
 from ...plant.base_parameters import base_parameters
 from ...plant.maths import NUMPY
 from ...plant.robots import Robot
-from ...plant.units import TORQUE, scales_of
+from ...plant.units import TORQUE, arm_scales
 from ..contract import LoopController
 from ..estimator import core as estimator
 from ..estimator.settings import default_estimator
@@ -31,7 +31,7 @@ class NumpyPolicy:
     def __init__(self, policy: PendulumPolicy, estimated: bool | None = None) -> None:
         """Take a policy behind an estimator where its file has one (None), never (False) or always (True)."""
         self.policy, self._joint, self._network = policy, policy.robot.joint, NumpyNetwork(policy)
-        joint, scales = self._joint, scales_of(policy.plant)
+        joint, scales = self._joint, arm_scales(policy.plant)
         # All but the network computes in C.1's units; kept, since finding them takes as long as a small network.
         self._state_units, self._base_units = np.array(scales.state), np.array(scales.base)
         self._torque_unit = scales.of(TORQUE)

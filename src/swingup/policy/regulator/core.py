@@ -24,7 +24,7 @@ from ...plant.base_parameters import Geometry, geometry_of
 from ...plant.equations import Number
 from ...plant.maths import Maths
 from ...plant.plant import Plant
-from ...plant.units import C1, TORQUE, scaled, scales_of, similar_plant
+from ...plant.units import C1, TORQUE, arm_scales, scaled, similar_plant
 from .settings import COULOMB_DAMPING, RICCATI_STEP, RegulatorSettings, bounds, fixed_point
 from .upright import Discrete, upright_step
 
@@ -81,7 +81,7 @@ def make_loop(
 
     ``pack`` keeps P (4, 4) as the loop does, whose last entries are the products.
     """
-    scales = scales_of(plant)
+    scales = arm_scales(plant)
     own, plant = scaled(settings, C1.over(scales)), similar_plant(plant, scales)
     start = pack(fixed_point(plant, joint))
     return Loop(own, geometry_of(plant), joint, scales.similar(limit, TORQUE), start, *products)
