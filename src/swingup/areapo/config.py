@@ -157,11 +157,6 @@ def check_hyperparameter(name: Any, others: Iterable[str] = ()) -> str:
     raise SwingupError(f"unknown hyperparameter {quoted(name)}{near}")
 
 
-def check_value(name: str, value: Any) -> None:
-    """Refuse a value that a hyperparameter cannot have, whatever the others are."""
-    _check_field(_field(name), value)
-
-
 def hyperparameters() -> list[str]:
     """The names of all hyperparameters."""
     return [field.name for field in dataclasses.fields(Config)]
@@ -186,16 +181,20 @@ def is_pair(name: str) -> bool:
 
 def parse_value(name: str, text: str) -> Any:
     """A hyperparameter from text: 3e-4, true or false, 64x64 or 64 64 or 64,64, 0.8 0.6, or a word."""
-    default = getattr(Config, check_hyperparameter(name))
+    default: Any = getattr(Config, check_hyperparameter(name))
+    value: Any
     try:
         if isinstance(default, bool):
-            return {"true": True, "false": False}[text.lower()]
-        if isinstance(default, tuple):
+            value = {"true": True, "false": False}[text.lower()]
+        elif isinstance(default, tuple):
             number = float if is_pair(name) else int
-            return tuple(number(part) for part in text.replace("x", " ").replace(",", " ").split())
-        return type(default)(text)
+            value = tuple(number(part) for part in text.replace("x", " ").replace(",", " ").split())
+        else:
+            value = type(default)(text)
     except (KeyError, ValueError) as error:
         raise SwingupError(f"{name} = {quoted(text)}: use {kind_of(name)}") from error
+    _check_field(_field(name), value)
+    return value
 
 
 def format_value(value: Any) -> str:

@@ -73,16 +73,7 @@ class TipHistory:
 def compute_criteria(
     time: np.ndarray, x: np.ndarray, u: np.ndarray, l1: float, l2: float, rules: "SwingUpBoard"
 ) -> Criteria:
-    """The criteria and the score of a trajectory.
-
-    Args:
-        time: time of each row (s), shape (N,).
-        x: state before each step [q1, q2, dq1, dq2] (rad, rad/s), shape (N, 4).
-        u: torque applied at each step [u1, u2] (N m), shape (N, 2).
-        l1: length of link 1 (m).
-        l2: length of link 2 (m).
-        rules: duration, line and normalisers.
-    """
+    """The criteria and the score of rows of time (s), states before each step and torques (N m) of links (m)."""
     dt = np.diff(time)
     # The benchmark looks neither at the first row nor at the last.
     up = tip_is_up(x, l1, l2, rules.height)[1:-1]

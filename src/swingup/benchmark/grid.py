@@ -108,10 +108,8 @@ def _seeded(case: Case, seed: int, index: int) -> Case:
 def change_grid(rules: "RobustnessBoard", text: str) -> "RobustnessBoard":
     """Rules with other values in one sweep, and a name that says so.
 
-    Args:
-        rules: the rules to change.
-        text: ``NAME=LOW:HIGH:COUNT`` or ``NAME=LOW:HIGH:COUNT:REPETITIONS`` for a criterion or a parameter of the
-            model, or ``perturbations=PROFILES``.
+    The text is ``NAME=LOW:HIGH:COUNT`` or ``NAME=LOW:HIGH:COUNT:REPETITIONS`` for a criterion or a parameter of the
+    model, or ``perturbations=PROFILES``.
     """
     name, _, values = text.partition("=")
     changed: dict[str, Any]

@@ -93,16 +93,11 @@ def compare(
     seed: int = 0,
     columns: Sequence[str] = (),
 ) -> Comparison:
-    """Compare a log with plants.
+    """Compare a log, as ``swingup identify`` reads it, with plants.
 
-    Args:
-        log: a file, as ``swingup identify`` reads it.
-        plants: by name; delay and lag that a plant's domain does not say are those that predict the log best.
-        controller: a controller's name, whose run on each plant stands beside the log.
-        loop: domain whose loop is around the plants in these runs; None for that of ``plants``.
-        robot: which joint the controller drives; None for the joint with the log's torque.
-        seed: of all that is drawn in these runs.
-        columns: words that map the log's columns.
+    Delay and lag that a plant's domain does not say are those that predict the log best. A controller's run on each
+    plant stands beside the log: with the loop of ``loop``, or None for that of ``plants``, and by default on the
+    robot whose joint has the log's torque. The seed is of all that is drawn in these runs.
     """
     if not 0 < len(plants) <= MOST_PLANTS:
         raise SwingupError(f"{len(plants)} plants: give one to {MOST_PLANTS}")

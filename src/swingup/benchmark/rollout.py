@@ -205,15 +205,9 @@ def simulate(
 ) -> tuple[SimulationEnd, Trajectory]:
     """Run a controller for ``steps`` steps of dt (s) from x0, RK4 with the torque held over each step.
 
-    Args:
-        scenario: the plant and its disturbance.
-        controller: called at every step but those of a throw.
-        x0: first state.
-        dt: time of a step (s).
-        steps: number of steps.
-        depth: states that are remembered: more than the largest delay (steps), and one more for velocities that
-            are differences.
-        guard: applied to the state before each step; it may change gradients, not values.
+    It is called at every step but those of a throw. So many states are remembered as ``depth`` says: more than the
+    largest delay (steps), and one more for velocities that are differences. The guard has the state before each
+    step; it may change gradients, not values.
     """
     Carry = tuple[LoopState, Any, Count]
 

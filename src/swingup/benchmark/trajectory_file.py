@@ -27,11 +27,7 @@ _GROUPS = (
 
 
 def save_trajectory(path: str | Path, trajectory: Trajectory) -> None:
-    """Write a trajectory atomically, with enough digits to read the same float64 back.
-
-    Raises:
-        SwingupError: the file cannot be written.
-    """
+    """Write a trajectory atomically, with enough digits to read the same float64 back."""
     parts = (trajectory.time, trajectory.x, trajectory.u)
     table = np.column_stack([np.asarray(part, np.float64) for part in parts])
     write_columns(path, dict(zip(FILE_COLUMNS, table.T, strict=True)))
@@ -40,16 +36,9 @@ def save_trajectory(path: str | Path, trajectory: Trajectory) -> None:
 def load_trajectory(path: str | Path, columns: Sequence[str] = ()) -> Trajectory:
     """Read a trajectory as NumPy arrays in float64, cut to the shortest of its columns.
 
-    SI units as in ``time[s]``, spaces, and a byte order mark or ``#`` before the header are accepted.
-
-    Args:
-        path: the file.
-        columns: names for a file that has others, or no header, as of :func:`~swingup.common.table.read_table`.
-
-    Raises:
-        SwingupError: the file cannot be read, lacks its header or a column, has a column twice or in another unit,
-            fewer than three complete rows, a cell that is not a finite number, a row wider than the header, or a
-            time that does not increase; or ``columns`` names a column that the file lacks.
+    SI units as in ``time[s]``, spaces, and a byte order mark or ``#`` before the header are accepted. ``columns``
+    are those of :func:`~swingup.common.table.read_table`. Refused are a column that is missing, there twice or in
+    another unit, fewer than three complete rows, a cell that is not a finite number, a time that does not increase.
     """
     table: Any = np.column_stack(list(read_table(path, _GROUPS, columns=columns).values.values()))
     return Trajectory(time=table[:, 0].copy(), x=table[:, 1:5].copy(), u=table[:, 5:].copy())

@@ -20,11 +20,7 @@ GRACE = 3.0
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a command; bad input ends in one line on standard error and a non-zero status.
-
-    Args:
-        arguments: the words after the program's name; default: those of the process.
-    """
+    """Run a command, by default the process's; bad input ends in one line on standard error and a failure."""
     # XLA's warnings of slow compilation tell a user nothing. JAX reads this when it is imported.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     try:

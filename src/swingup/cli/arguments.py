@@ -15,15 +15,7 @@ from ..common.text import one_line, quoted
 from ..controllers.registry import BUILT_IN, has_estimator
 from ..controllers.stack.controller import PolicyController
 from ..controllers.stack.regulator import RegulatingController
-from ..plant.plant import (
-    LEADERBOARD,
-    MODEL_FILES,
-    PARAMETER_FILES,
-    PLANT_FILES,
-    SHIPPED_PLANTS,
-    Plant,
-    load_plant,
-)
+from ..plant.plant import LEADERBOARD, MODEL_FILES, PARAMETER_FILES, PLANT_FILES, SHIPPED_PLANTS, Plant, load_plant
 from ..plant.robots import ROBOTS, Robot, get_robot
 from ..plant.units import torque_over_gravity
 from .parsing import value_of

@@ -39,14 +39,9 @@ def tell_table(
     title: str = "",
     bold: Sequence[int] = (),
 ) -> None:
-    """Print a table. Headings and names may be cut where a terminal is narrow, numbers never.
+    """Print a table with so many columns of ``texts`` at the left, and numbers, and with ``bold`` rows.
 
-    Args:
-        headings: of the columns.
-        rows: the cells.
-        texts: columns of text at the left; the others have numbers.
-        title: a line above the table.
-        bold: rows that stand out.
+    Headings and texts may be cut where a terminal is narrow, numbers never.
     """
     table = Table(title=title or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for column, heading in enumerate(headings):

@@ -33,16 +33,9 @@ Ready = Callable[[], int]
 
 
 def parse(commands: Mapping[str, Command], words: Sequence[str], description: str) -> Ready:
-    """Choose a command by the first word and bind its arguments.
+    """Choose a command by the first word and bind its arguments; where tyro printed help, it exits.
 
-    Args:
-        commands: functions by name; their signatures and docstrings make options and help.
-        words: what was typed after the program's name.
-        description: the head of the program's help.
-
-    Raises:
-        SwingupError: the words make no command.
-        SystemExit: tyro printed help.
+    The signatures and docstrings of the commands make options and help.
     """
     name, *rest = words or [""]
     if name.startswith("-"):
@@ -83,13 +76,7 @@ def program_typed() -> str:
 
 
 def value_of(make: Callable[..., Any], metavar: str, words: Any = 1) -> PrimitiveConstructorSpec[Any]:
-    """How tyro makes a value from so many words; a SwingupError of ``make`` is the command's.
-
-    Args:
-        make: from the words to the value.
-        metavar: what the help shows.
-        words: their number; ``"*"`` for any.
-    """
+    """How tyro makes a value from so many words, ``"*"`` for any; a SwingupError of ``make`` is the command's."""
     return PrimitiveConstructorSpec(
         nargs=words,
         metavar=metavar,

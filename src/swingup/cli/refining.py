@@ -13,7 +13,7 @@ from ..benchmark.judge import judge
 from ..benchmark.result import Result
 from ..benchmark.seeds import check_seeds
 from ..common.errors import SwingupError
-from ..common.files import check_writable, write_atomically
+from ..common.files import check_writable, write_map
 from ..common.text import command_line, duration
 from ..common.version import __version__
 from ..controllers.registry import get_controller
@@ -30,15 +30,7 @@ from ..plant.robots import Robot
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
 from ..policy.shipped import AR_EAPO, load_policy
 from ..refine.plant_draws import RECORDED
-from ..refine.recipe import (
-    ADAPT,
-    RECIPES,
-    RefinementReport,
-    first_plant,
-    run_recipe,
-    shipped_for,
-    wrapped_policy,
-)
+from ..refine.recipe import ADAPT, RECIPES, RefinementReport, first_plant, run_recipe, shipped_for, wrapped_policy
 from ..report.log_report import report_adaptation
 from ..report.page import PAGE_FORMATS, save_log_report
 from .arguments import (
@@ -223,8 +215,7 @@ def adapted_domain(options: PlantOptions, domain: str | None, out: str) -> tuple
         facts = drawn_around(facts.plant)
     around = loop_around(facts, domain or RECORDED)
     file = Path(out).with_name(f"{Path(out).stem}-adapt.yml")
-    rows = {name: [low, high] for name, low, high in around.ranges}
-    option = {} if around.low.loop.velocities is None else {"velocities": around.low.loop.velocities}
-    text = "".join(f"{name}: {value}\n" for name, value in {**rows, **option}.items())
-    write_atomically(file, f"# Source: swingup refine --recipe adapt, {around.name}. SI units.\n{text}".encode())
+    rows: dict[str, Any] = {name: [low, high] for name, low, high in around.ranges}
+    rows |= {} if around.low.loop.velocities is None else {"velocities": around.low.loop.velocities}
+    write_map(file, rows, f"Source: swingup refine --recipe adapt, {around.name}. SI units.")
     return load_domain(str(file)), str(file)

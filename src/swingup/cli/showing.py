@@ -19,14 +19,9 @@ Note = Callable[[TrainingReport], str]
 
 
 def train_shown(run: Run, note: Note = lambda report: "") -> int:
-    """Train to the goal, with the progress on standard error, and free the environments.
+    """Train to the goal, with the progress and a note on standard error, and free the environments.
 
-    Args:
-        run: the run.
-        note: words among a report's figures.
-
-    Returns:
-        0, or the exit status of the signal that stopped the run; then it is saved.
+    The exit status is 0, or that of the signal that stopped the run; then it is saved.
     """
     settings = run.settings
     on = settings.preset + ("" if settings.robot is None else plant_note(settings.plant, settings.robot))

@@ -10,7 +10,6 @@ from tyro.constructors import MISSING, ConstructorRegistry, StructTypeInfo
 
 from ..areapo.config import Config, format_value, is_pair, parse_value
 from ..benchmark.judge import judge
-from ..common.checks import whole_number
 from ..common.errors import SwingupError
 from ..controllers.registry import get_controller
 from ..learner.compiled_backend import share_cores
@@ -21,15 +20,7 @@ from ..learner.rates import REWARD_RATE, describe_rates, shown_rate, training_re
 from ..learner.run import Run
 from ..learner.run_settings import is_continuing, make_run_settings, read_run_settings
 from ..learner.start import resume_run, start_run
-from .arguments import (
-    NO_PLANT,
-    PlantOptions,
-    RobotOrNone,
-    judged_name,
-    optional,
-    plant_of,
-    task_name,
-)
+from .arguments import NO_PLANT, PlantOptions, RobotOrNone, judged_name, optional, plant_of, task_name
 from .output import tell, tell_table
 from .parsing import value_of
 from .results import result_lines
@@ -122,8 +113,6 @@ def train_command(
         hyperparameters: those that are left out are the preset's. In brackets: the value in the preset default,
             then in presets that differ.
     """
-    if frames is not None:
-        whole_number("frames", frames, 1)
     given: dict[str, Any] = {"seed": seed, "seeds": seeds, "plant": plant_of(plant) if plant else None, **run}
     if resume is None:
         env = task_name(robot, given.pop("env", None))
@@ -140,12 +129,7 @@ def start_training(
 ) -> Run:
     """A new run, with the defaults of its preset and its task for what is None or left out.
 
-    Args:
-        env: a robot's name or a Gymnasium id.
-        frames: frames of each seed.
-        out: the run's folder.
-        changes: hyperparameters by name.
-        given: fields of the run's settings by name.
+    Changes are hyperparameters by name, ``given`` fields of the run's settings.
     """
     settings = make_run_settings(env, changes=changes, **given)
     # Ids of Gymnasium may contain signs that a folder's name cannot.

@@ -4,8 +4,9 @@ import contextlib
 import errno
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from .errors import SwingupError
 from .text import one_line
@@ -39,6 +40,12 @@ def write_atomically(path: str | Path, content: bytes) -> None:
         raise SwingupError(
             f"cannot write {path}: {reason}; choose a folder that exists and can be written"
         ) from error
+
+
+def write_map(path: str | Path, values: Mapping[str, Any], *comments: str) -> None:
+    """Write a flat YAML map below lines of comments."""
+    lines = [*(f"# {one_line(each, 600)}" for each in comments), *(f"{name}: {values[name]}" for name in values)]
+    write_atomically(path, "\n".join([*lines, ""]).encode())
 
 
 def read_bytes(path: str | Path, most: int) -> bytes:
@@ -79,11 +86,7 @@ def check_writable(path: str | Path) -> None:
 
 
 def behind_links(path: str | Path) -> Path:
-    """The file that a path leads to: a rename would replace a link instead of the file behind it.
-
-    Raises:
-        OSError: a link leads to itself, or the name has a null character.
-    """
+    """The file that a path leads to: a rename would replace a link instead of the file behind it."""
     try:
         target = Path(os.path.realpath(path))
     except ValueError as error:

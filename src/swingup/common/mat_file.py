@@ -21,11 +21,7 @@ DEEPEST = 8
 def read_mat(content: bytes, most: int) -> dict[str, Any]:
     """Arrays by name; of a structure, a map of its fields. Real parts count alone.
 
-    What is unpacked may have ``most`` bytes.
-
-    Raises:
-        NotImplementedError: a file of version 7.3.
-        ValueError: it is another file, or larger.
+    What is unpacked may have ``most`` bytes. Version 7.3 is a NotImplementedError, another file a ValueError.
     """
     if content.startswith(b"MATLAB 7.3"):
         raise NotImplementedError("version 7.3")

@@ -58,17 +58,12 @@ def read_table(
     columns: Sequence[str] = (),
     gaps: bool = False,
 ) -> Table:
-    """Read columns in float64, cut to the shortest.
+    """Read columns in float64, cut to the shortest: the first complete choice of each group, the time first.
 
     A file is text (CSV and its relatives: separators, decimal commas, quotes and comments are found out), or an
-    npz, npy or mat file with arrays. Units in a title, as in ``time[ms]``, are converted.
-
-    Args:
-        path: the file.
-        groups: what is read, in order: the first complete choice of each group; the first group is the time.
-        optional: read as well if all of these are there.
-        columns: words that map columns (``columns.parse_columns``), for a file that has others, or no header.
-        gaps: whether cells may be missing, and times may be in any order.
+    npz, npy or mat file with arrays. Units in a title, as in ``time[ms]``, are converted. Optional columns are read
+    if all are there. ``columns`` map names (``columns.parse_columns``). With ``gaps`` cells may be missing, and
+    times may be in any order.
     """
     cells = read_cells(path)
     if cells.headless and not (columns and cells.rows):

@@ -67,13 +67,10 @@ ABOUT = f'"""What a policy needs to run, copied from swingup {__version__} (Apac
 def export_folder(
     policy: PendulumPolicy, source: Path, folder: str | Path, form: str, name: str = NAME, username: str = "swingup"
 ) -> Path:
-    """Write a folder, whole or not at all.
+    """Write a folder, whole or not at all, and say which file is the entry's.
 
     The policy's guard, which need not be the file's, is written into the entry. The folder must be new or empty.
     The copied source has the entry's name as well; the username is for RealAIGym's leaderboard.
-
-    Returns:
-        The entry's file.
     """
     check_export_name(name)
     # It goes into a string of Python, and into tables with commas.

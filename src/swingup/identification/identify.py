@@ -10,8 +10,11 @@ import numpy as np
 from jaxtyping import Float
 
 from ..common.errors import SwingupError
+from ..common.files import write_map
+from ..common.text import one_line
+from ..common.version import __version__
 from ..plant.plant import Plant, PlantLike, load_plant
-from ..plant.save import representative
+from ..plant.save import representative, save_plant
 from .fit.bootstrap import draw_solutions
 from .fit.conventions import check_columns, mass_notes
 from .fit.fit import Fit, fit_all, fit_start, pulled, refit
@@ -20,7 +23,7 @@ from .fit.problem import Problem, known_entries, session_numbers
 from .fit.scoring import Errors, hold_out, prediction_errors, score_windows, summarise
 from .log.recording import Recording, read_recording, sensors
 from .log.segments import FIT_LENGTH, Segments, cut_windows, join
-from .plant_file import domain_of, write_plant_files
+from .plant_domain import domain_of
 from .results import TITLES, Estimates, make_notes, read_solution
 
 REPORTED = ("angle", "velocity")
@@ -70,8 +73,15 @@ class Identification:
         Raises:
             SwingupError: a file cannot be written.
         """
-        logs = [recording.name for recording in self.recordings]
-        return write_plant_files([path, *more], self.plant, self.domain, logs)
+        logs = one_line(", ".join(recording.name for recording in self.recordings), 500)
+        source = f"Source: swingup {__version__} identify, from {logs}."
+        for each in (path, *more):
+            note = "SI units. m1, m2, r1, r2 and I1 are one choice of many that move alike."
+            save_plant(each, self.plant, [source, note])
+        beside = Path(path).with_name(f"{Path(path).stem}-domain.yml")
+        note = "Ranges of the plant and its loop: 95 % intervals, narrowed where they make no pendulum."
+        write_map(beside, self.domain, source, note)
+        return beside
 
 
 def identify(

@@ -77,7 +77,9 @@ class CompiledBackend(AbstractBackend):
 
     def begin(self, state: LearnerState, iterations: int) -> LearnerState:
         """Share the seeds among the devices. Nothing is reset: a checkpoint holds everything."""
-        return state if len(self._seeds) == 1 else spread(state, len(self._seeds))
+        if len(self._seeds) == 1:
+            return state
+        return jax.device_put(state, NamedSharding(sharing_mesh(len(self._seeds)), PartitionSpec(AXIS)))
 
     def train(
         self, state: LearnerState, iterations: int, stopping: Callable[[], bool] = never
@@ -148,11 +150,6 @@ def sharing_mesh(seeds: int) -> Mesh:
     """The devices that share the seeds."""
     devices = jax.devices()
     return Mesh(np.array(devices[: even_shares(seeds, len(devices))]), (AXIS,))
-
-
-def spread(state: LearnerState, seeds: int) -> LearnerState:
-    """Share the seeds among the devices."""
-    return jax.device_put(state, NamedSharding(sharing_mesh(seeds), PartitionSpec(AXIS)))
 
 
 @functools.cache

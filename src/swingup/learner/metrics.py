@@ -117,11 +117,7 @@ class _Board:
 
 
 def read_metrics(path: str | Path) -> list[dict[str, Any]]:
-    """Read the rows of a ``metrics.jsonl``, without a last line that a crash cut short.
-
-    Raises:
-        SwingupError: the file cannot be read, or another line is not JSON.
-    """
+    """Read the rows of a ``metrics.jsonl``, without a last line that a crash cut short."""
     try:
         # A crash may cut a character in two: replaced, it spoils only the last line.
         lines = Path(path).read_text(encoding="utf-8", errors="replace").splitlines()

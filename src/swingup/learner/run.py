@@ -136,7 +136,9 @@ class Run:
                 written, or another process trains in the folder.
         """
         target = math.ceil(self.goal / self.settings.config.rollout_size)
-        with self._locked(), self._metrics_writer() as writer:
+        folder, nothing = self._folder, contextlib.nullcontext()
+        locked = nothing if folder is None else folder.locked(self.frames)
+        with locked, nothing if folder is None else MetricsWriter(folder.path, self.frames) as writer:
             mark, saved, self._fresh = time.perf_counter(), True, True
             while (before := self.progress.iterations) < target and not self._stopping:
                 figures = self._train_chunk(self.settings.next_stop(before, target) - before)
@@ -169,14 +171,6 @@ class Run:
         if self._folder is not None:
             self._folder.save_checkpoint(self.frames, state, metadata)
 
-    def _locked(self) -> contextlib.AbstractContextManager[None]:
-        return contextlib.nullcontext() if self._folder is None else self._folder.locked(self.frames)
-
-    def _metrics_writer(self) -> contextlib.AbstractContextManager[MetricsWriter | None]:
-        if self._folder is None:
-            return contextlib.nullcontext()
-        return MetricsWriter(self._folder.path, after_frames=self.frames)
-
     def _train_chunk(self, count: int) -> list[dict[str, Any]]:
         state, before = self.progress.state, self.progress.iterations
         if self._fresh:
@@ -206,18 +200,15 @@ class Run:
         policies = self.policies()
         results = self.backend.evaluate(policies)
         for index, (policy, result) in enumerate(zip(policies, results, strict=True)):
-            self._keep_best(index, policy, result)
+            found, best = rank(result), self.progress.best
+            if found > best[index]:
+                # BEST first: if the run is killed before the seed's own file, resuming finds the record again.
+                if found > max(best):
+                    self._save_policy(BEST, index, policy, result)
+                if self.settings.seeds > 1:
+                    self._save_policy(seed_file(BEST, self.settings, index), index, policy, result)
+                self.progress = replace(self.progress, best=(*best[:index], found, *best[index + 1 :]))
         return results
-
-    def _keep_best(self, index: int, policy: Policy[Any], result: dict[str, Any]) -> None:
-        found, best = rank(result), self.progress.best
-        if found > best[index]:
-            # BEST first: if the run is killed before the seed's own file, resuming finds the record again.
-            if found > max(best):
-                self._save_policy(BEST, index, policy, result)
-            if self.settings.seeds > 1:
-                self._save_policy(seed_file(BEST, self.settings, index), index, policy, result)
-            self.progress = replace(self.progress, best=(*best[:index], found, *best[index + 1 :]))
 
     def _save_policy(self, name: str, index: int, policy: Policy[Any], result: dict[str, Any]) -> None:
         if self._folder is not None:

@@ -84,14 +84,7 @@ def resume_run(folder: str | Path, frames: int | None = None, env: Any = None) -
 def restore_run(
     settings: RunSettings, load: Callable[[LearnerState], Snapshot], source: str, env: Any = None
 ) -> Run:
-    """A run without a folder that continues from a result of ``Run.snapshot``.
-
-    Args:
-        settings: what is trained.
-        load: reads the snapshot, given the state's shapes and types.
-        source: the name of the snapshot in an error.
-        env: the environment or the task, where the settings only name it.
-    """
+    """A run without a folder that continues from a snapshot, which ``load`` reads and an error calls ``source``."""
     backend, progress = _restored(settings, load, source, env)
     return Run(settings, backend, progress, max(1, progress.iterations * settings.config.rollout_size), None)
 
@@ -106,12 +99,9 @@ def _restored(
 
 
 def make_backend(settings: RunSettings, env: Any = None) -> AbstractBackend:
-    """The back end of these settings.
+    """The back end of these settings, on the environment or task that they name, or on the one that is given.
 
-    Args:
-        settings: what to train on, by name.
-        env: the environment or the task itself, if it cannot be made from a name; with a robot, another variant
-            of its task than the preset's.
+    With a robot, that is another variant of its task than the preset's.
     """
     config, seed, seeds = settings.config, settings.seed, settings.seeds
     env = as_task(settings.env if env is None else env)

@@ -19,12 +19,8 @@ def loop_around(plant: PlantLike | Domain | None, domain: Domain | str | None) -
 
     Torques, their rates and velocities are in the pendulum's own units, relative to the plant that the domain is
     made for; delays, periods, angles and shares stay. What the plant's file says of its own loop has the last word,
-    and its motors keep their limits. Values of the domain's own plant have no effect.
-
-    Args:
-        plant: a plant, its name, or its file, which may have ranges and a loop; or all as a domain.
-            None for the domain's own.
-        domain: the loop, by itself or by name; None or "none" for a perfect loop.
+    and its motors keep their limits. Values of the domain's own plant count where the plant is None. Without a
+    domain, or with "none", the loop is perfect.
     """
     if isinstance(domain, str):
         domain = None if domain == NO_LOOP else load_domain(domain)

@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..common.errors import SwingupError
-from ..common.files import write_atomically
-from ..common.text import one_line
+from ..common.files import write_map
 from .base_parameters import BASE_NAMES, base_parameters
 from .model_files.writers import is_buildable, write_model
 from .plant import MODEL_FILES, PARAMETER_FILES, PLANT_FILES, Plant, validated
@@ -44,9 +43,7 @@ def save_plant(path: str | Path, plant: Plant, comments: Sequence[str] = ()) -> 
         return
     if not str(path).lower().endswith(PARAMETER_FILES):
         raise SwingupError(f"cannot write {path}: name {PLANT_FILES}")
-    lines = [f"# {one_line(each, 600)}" for each in comments]
-    lines += [f"{name}: {value!r}" for name, value in values.items()]
-    write_atomically(path, "\n".join([*lines, ""]).encode())
+    write_map(path, values, *comments)
 
 
 def representative(base: Mapping[str, float], start: Plant) -> Plant:

@@ -123,7 +123,7 @@ def _rows(
     paced = PacedController(controller, process, board.dt) if real_time else controller
     if real_time:
         # Compiled before the clock runs.
-        run_one(PythonController(_no_torque), case.scenario, board.dt, 2, depth)
+        run_one(PythonController(lambda x, t: (0.0, 0.0)), case.scenario, board.dt, 2, depth)
     rows = run_one(PythonController(paced), case.scenario, board.dt, board.steps, depth)
     return controller.timing, rows
 
@@ -144,7 +144,3 @@ def _difference(folder: Folder, setting: Setting) -> str | None:
     policy = load_policy(folder.policy)
     seen = None if policy.identifier is None else policy.network.plant_stage
     return plant_difference(policy.plant, setting.domain.nominal_plant, setting.robot, seen)
-
-
-def _no_torque(x: Any, t: float) -> tuple[float, float]:
-    return 0.0, 0.0

@@ -126,10 +126,8 @@ def upright_near(q: np.ndarray) -> np.ndarray:
 def robustness_figure(results: Mapping[str, Mapping[str, Any]], pale: Sequence[str] = ()) -> Figure:
     """The success (%) of several controllers in each criterion of the robustness score as bars.
 
-    Args:
-        results: outputs of ``Result.as_dict``, by name. The legend also shows overall scores of results with
-            intervals, and 95 % intervals become error bars.
-        pale: names of those that stand back.
+    The legend also shows overall scores of results with intervals, and 95 % intervals become error bars.
+    Those in ``pale`` stand back.
     """
     require_some(results, "robustness score")
     for name, result in results.items():
@@ -156,16 +154,13 @@ def robustness_figure(results: Mapping[str, Mapping[str, Any]], pale: Sequence[s
 
 
 def curves_figure(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
-    """Reward rate and score over frames (millions), one line for each seed of each run.
+    """Reward rate and score over frames (millions), one line for each seed of each run's rows of ``metrics.jsonl``.
 
     Dots are single evaluations; the line through them is the best so far. The score is the RealAI score of a double
     pendulum, and the mean return of other tasks. Rewards, returns and scores have no unit.
 
     Reward rate and resets are those of training, with the exploring policy. Where a run had resets, a third panel
     shows them. It has no line of a run that did not record them; the legend then has a dash.
-
-    Args:
-        runs: rows of ``metrics.jsonl``, by name, as in the legend.
     """
     require_some(runs, "run")
     for name, rows in runs.items():

@@ -38,19 +38,10 @@ def animate(
     speed: float = 1.0,
     plant: PlantLike = LEADERBOARD,
 ) -> None:
-    """Write a film of trajectories side by side, as long as the longest divided by the speed.
+    """Write a film, ``.gif`` or ``.webp``, of trajectories side by side, whole or not at all.
 
-    Args:
-        motions: trajectories and their robots, from left to right; each row is shown until the next.
-        path: the film's file, ending in ``.gif`` or ``.webp``.
-        fps: frames a second, from 1 to 50.
-        size: height, and width of each pendulum's picture (pixels).
-        speed: 1 is real time, 0.5 is half as fast.
-        plant: gives the lengths of the links.
-
-    Raises:
-        SwingupError: a value is out of range, the film is too long or has too many pixels, the suffix is unknown,
-            Pillow is not installed, or the file cannot be written; nothing is half-written.
+    It is as long as the longest divided by the speed, of which 1 is real time, and has 1 to 50 frames a second.
+    Each row is shown until the next, in so many pixels high and wide. The plant gives the links' lengths.
     """
     suffix = check_suffix(path, FILM_FORMATS)
     if not motions:

@@ -78,18 +78,11 @@ def make_section(
     boards: Sequence[AbstractBoard | str] = DEFAULT_BOARDS,
     recompute: bool = False,
 ) -> Section:
-    """Score controllers on one robot, and simulate their swing-ups.
+    """Score controllers on one robot, and simulate the swing-ups of the built-in ``entrants``: it takes minutes.
 
-    Args:
-        robot: which joint is driven.
-        controllers: further controllers by name.
-        seed: of the noise and the pushes.
-        progress: called with the name of a stage, the number of its finished parts, and of all; a robot takes
-            minutes. A stage is a row of a board or a controller's swing-ups; its name begins with the robot's.
-        entrants: names of the built-in controllers whose swing-ups are shown; the boards have their own.
-        plant: what the page shows, and the baselines are designed for: a plant, its name or its file.
-        boards: the boards of the tables.
-        recompute: also compute the rows that the package ships because they take minutes.
+    ``progress`` is called with the name of a stage, the number of its finished parts, and of all. A stage is a row
+    of a board or a controller's swing-ups; its name begins with the robot's. The plant is what the page shows, and
+    the baselines are designed for. ``recompute`` is for rows that the package ships because they take minutes.
     """
     robot, found = get_robot(robot), load_plant(plant)
     shown = entrants_for(robot, controllers or {}, entrants, plant=found)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..areapo.config import check_hyperparameter, check_value, config_from_dict, format_value, parse_value
+from ..areapo.config import check_hyperparameter, config_from_dict, format_value, parse_value
 from ..benchmark.comparison import bootstrap_interval, interquartile_mean
 from ..common.checks import is_number, one_of, whole_number
 from ..common.errors import SwingupError
@@ -100,10 +100,7 @@ def parse_alternatives(name: str, text: str) -> list[Any]:
     check_hyperparameter(name, ["preset"])
     if ":" in text:
         raise SwingupError(f"{name}={text} is a range: give --trials to search it, or alternatives")
-    values = [parse_value(name, part) for part in text.split(",")]
-    for value in values:
-        check_value(name, value)
-    return values
+    return [parse_value(name, part) for part in text.split(",")]
 
 
 def run_jobs(
@@ -111,10 +108,7 @@ def run_jobs(
 ) -> list[Row]:
     """Run all jobs that are not done yet; a job that fails does not stop the others.
 
-    ``progress`` is called with each job that ends and its row.
-
-    Returns:
-        Each job's last metrics, or a row with only its ``error``.
+    ``progress`` is called with each job that ends and its row: its last metrics, or only its ``error``.
     """
     futures = {executor.submit(train_one, job): job for job in jobs}
     rows: dict[Path, Row] = {}
@@ -127,12 +121,9 @@ def run_jobs(
 
 
 def train_one(job: Job, report: Callable[[Row], None] | None = None) -> Row:
-    """Run one job, or the rest of it, in the calling process.
+    """Run one job, or the rest of it, in the calling process; its last metrics.
 
     ``report`` is called with the metrics of each evaluation; what it raises ends the run.
-
-    Returns:
-        The last metrics of the run.
     """
     folder = RunFolder(job.folder)
     row = _row_at_end(folder, job.settings, job.frames)
@@ -157,10 +148,9 @@ def describe_error(error: BaseException) -> str:
 def summarise(jobs: Sequence[Job], rows: Sequence[Row]) -> list[dict[str, Any]]:
     """The table of a sweep: one row for each variant, in the order of the jobs.
 
-    Returns:
-        Rows of ``variant`` (text), ``runs`` with a score, ``failed`` ones, and interquartile means over the runs:
-        of the last ``score`` with its 95 % bootstrap ``interval``, of ``best_score``, and of the last policies'
-        ``reward_rate`` and ``resets_per_1000_steps``. A number is NaN if a run lacks it.
+    A row has its ``variant`` (text), ``runs`` with a score, ``failed`` ones, and interquartile means over the runs:
+    of the last ``score`` with its 95 % bootstrap ``interval``, of ``best_score``, and of the last policies'
+    ``reward_rate`` and ``resets_per_1000_steps``. A number is NaN if a run lacks it.
     """
     table = []
     for variant in dict.fromkeys(job.variant for job in jobs):

@@ -124,14 +124,9 @@ def best_trial(study: "Study") -> "FrozenTrial | None":
 
 
 def train_trial(plan: SearchPlan, trial: "Trial") -> float:
-    """Train a trial's seeds, one after the other, in the calling process.
+    """Train a trial's seeds, one after the other, in the calling process: the interquartile mean of their scores.
 
-    Returns:
-        The interquartile mean of their scores.
-
-    Raises:
-        optuna.TrialPruned: Optuna expects no more of it.
-        SwingupError: its settings do not go together, a run failed, or it has no score.
+    Optuna prunes a trial of which it expects no more; settings that do not go together are refused.
     """
     from optuna import TrialPruned
 

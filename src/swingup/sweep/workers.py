@@ -19,12 +19,10 @@ MOST_WORKERS = 1024
 
 @contextlib.contextmanager
 def workers_for(scheduler: str | None = None, count: int | None = None) -> Iterator[tuple[Executor, int]]:
-    """An executor, and how many runs it does side by side.
+    """An executor of local processes, or at a Dask scheduler's address, and how many runs it does side by side.
 
-    Args:
-        scheduler: address of a running Dask scheduler, such as ``tcp://10.0.0.1:8786``; None for local processes.
-        count: local processes, by default one for every two cores, since a run uses about two; with a scheduler,
-            the trials of a search that run side by side, by default one for each of the workers' threads.
+    The count of processes is by default one for every two cores, since a run uses about two; with a scheduler, of
+    the trials of a search, one for each of the workers' threads.
     """
     if count is not None:
         whole_number("workers", count, 1, MOST_WORKERS)

@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from ..common.types import Action, Key, Observation, Scalar, State, Torque
 from ..dynamics.dynamics import total_energy
@@ -199,15 +199,12 @@ def magnified(observation: Float[Any, "*b 6"]) -> Float[Any, "*b 10"]:
 
 
 def winnable_starts(key: Key, number: int, longest: int, even: float) -> Float[Array, "n 4"]:
-    """States from which some torque leads upright: found backwards in time, from upright with random torques.
+    """About ``number`` states (rad, rad/s) from which some torque leads upright, found backwards in time.
 
     Backwards, the directions that run away from upright draw near it, and random torques spread the states over all
     that can still be held. Some of the paths only ever give energy, forwards, and so begin low. They are up to
     ``longest`` steps of 10 ms from upright. Of a share, ``even``, the time to upright is uniform; of the others its
     logarithm is. Those that are too fast are left out.
-
-    Returns:
-        About ``number`` states (rad, rad/s).
     """
     keys = jax.random.split(key, 9)
     paths = 4096
@@ -229,16 +226,13 @@ def winnable_starts(key: Key, number: int, longest: int, even: float) -> Float[A
         x = jax.vmap(lambda x, u: rk4_step(CAPSULES, x, u, -0.01))(x, u)
         return (x, level), x
 
-    upright = jnp.array([math.pi, 0.0, 0.0, 0.0]) + 1e-3 * jax.random.normal(keys[3], (paths, 4))
-    _, states = jax.lax.scan(backwards, (upright, jnp.zeros(paths)), jax.random.split(keys[4], longest))
+    upright = jnp.array([math.pi, 0.0, 0.0, 0.0])
+    begin = upright + 1e-3 * jax.random.normal(keys[3], (paths, 4)), jnp.zeros(paths)
+    _, states = jax.lax.scan(backwards, begin, jax.random.split(keys[4], longest))
     log_time = jax.random.uniform(keys[5], (number,), maxval=math.log(longest))
     evenly = jax.random.randint(keys[6], (number,), 0, longest)
     is_even = jax.random.bernoulli(keys[7], even, (number,))
     times = jnp.where(is_even, evenly, jnp.floor(jnp.exp(log_time)).astype(int) - 1)
     found = states[times, jax.random.randint(keys[8], (number,), 0, paths)]
-    return found[jax.vmap(_is_slow)(found)]
-
-
-def _is_slow(x: State) -> Bool[Array, ""]:
-    upright = jnp.array([math.pi, 0.0, 0.0, 0.0])
-    return total_energy(CAPSULES, x) < total_energy(CAPSULES, upright) + HIGHEST_ENERGY
+    energies = jax.vmap(lambda x: total_energy(CAPSULES, x))(found)
+    return found[energies < total_energy(CAPSULES, upright) + HIGHEST_ENERGY]

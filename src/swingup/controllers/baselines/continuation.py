@@ -112,7 +112,8 @@ def continue_swingups(
             tried = _try_step(found, part, steps[part], targets, settings, nominal)
             good = accepted(tried, settings)
             steps[part] = next_step(steps[part], good, settings)
-            found = jax.tree.map(lambda old, new, to=part[good], by=good: _put(old, to, new[by]), found, tried)
+            for rows, new in zip(*map(jax.tree.leaves, (found, tried)), strict=True):
+                rows[part[good]] = new[good]
     return found
 
 
@@ -205,12 +206,6 @@ def _bounds_about(nominal: SwingUps, settings: ContinuationSettings) -> Continua
 def _torque_limit(swingups: SwingUps) -> Float[Any, "n"]:
     """The driven joint's (N m), of each plant."""
     return swingups.plants.limit(swingups.robot.joint)
-
-
-def _put(rows: np.ndarray, where: np.ndarray, new: np.ndarray) -> np.ndarray:
-    copied = rows.copy()
-    copied[where] = new
-    return copied
 
 
 def _checked(targets: Plant) -> Plant:

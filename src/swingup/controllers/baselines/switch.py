@@ -60,7 +60,8 @@ class LatchingSwitch(AbstractController[SwitchMemory]):
     def __call__(self, carry: SwitchMemory, t: TimeLike, x: State) -> tuple[SwitchMemory, Torque]:
         """The torques of the controller in charge (N m)."""
         begun, t = since_first_call(t, carry.begun)
-        latched = carry.latched | jnp.all(jnp.abs(wrap(x) - jnp.asarray(UPRIGHT)) < jnp.asarray(self.threshold))
+        error = wrap(x) - jnp.asarray(UPRIGHT, x.dtype)
+        latched = carry.latched | jnp.all(jnp.abs(error) < jnp.asarray(self.threshold))
         # Both controllers are computed: in a batch some members have switched and others have not.
         if isinstance(self.first, AbstractExpensiveController):
             first, u_first = self.first.control(carry.first, t, x, latched)

@@ -146,12 +146,10 @@ def design_model(plant: PlantLike, robot: Robot) -> Plant:
 def compute_reference(
     robot: Robot | str, problem: SwingupProblem, seed: int, plant: PlantLike = LEADERBOARD
 ) -> tuple[Reference, dict[str, Any]]:
-    """Optimise a swing-up from hanging at rest; takes a minute or two, or longer where it does not come up.
+    """Optimise a swing-up from hanging at rest, with its provenance: JSON values for the file.
 
-    The problem is in the units of the plant. The seed is that of the first torques, which NumPy draws.
-
-    Returns:
-        The trajectory, and its provenance: JSON values for the file.
+    It takes a minute or two, or longer where it does not come up. The problem is in the units of the plant. The
+    seed is that of the first torques, which NumPy draws.
     """
     robot = get_robot(robot)
     model = design_model(plant, robot)

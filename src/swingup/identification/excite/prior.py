@@ -10,7 +10,7 @@ from ...plant.plant import NAMES as PLANT_NAMES
 from ...plant.plant import Plant
 from ..fit.prediction import INDEX, in_loop, vector_of
 from ..fit.unknowns import MASSES
-from ..plant_file import domain_of
+from ..plant_domain import domain_of
 
 BASE_SPREAD = 0.2
 """Base parameters around a plant that a drawing or a fit of another specimen gives: this part lower or higher."""

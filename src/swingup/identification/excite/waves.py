@@ -42,16 +42,10 @@ def multisines(duration: float, own: float, reach: float, driven: Float[np.ndarr
     relative = np.geomspace(*BAND, 2 * WAVES).reshape(WAVES, 2).T[..., None]
     number = np.arange(WAVES)[:, None]
     waves = np.sin(2 * np.pi * own * relative * time - np.pi * number * (number + 1) / WAVES)
+    window = 0.5 - 0.5 * np.cos(np.pi * np.clip(np.minimum(time, (1.0 - REST) * duration - time) / RISE, 0.0, 1.0))
     motions = []
     for tilt, share in itertools.product(TILTS, SHARES):
         signal = np.sum(relative**tilt * waves, axis=1)
-        signal *= (reach * driven * share)[:, None] * _window(time, duration) / np.abs(signal).max(1, keepdims=True)
+        signal *= (reach * driven * share)[:, None] * window / np.abs(signal).max(1, keepdims=True)
         motions.append(np.concatenate([signal, np.gradient(signal, PERIOD, axis=1)]).T)
     return np.stack(motions)
-
-
-def _window(time: np.ndarray, duration: float) -> np.ndarray:
-    end = (1.0 - REST) * duration
-    part = np.clip(np.minimum(time, end - time) / RISE, 0.0, 1.0)
-    window: np.ndarray = 0.5 - 0.5 * np.cos(np.pi * part)
-    return window

@@ -27,10 +27,8 @@ def one_clock(
 ) -> tuple[Bool[np.ndarray, "rows"], Float[np.ndarray, "rows"], int, int]:
     """Times that increase, for episodes that each have their own clock, in which rows may come late or twice.
 
-    A time between rows beyond ``longest`` (s) is a gap; ``pause`` (s) separates two episodes of the result.
-
-    Returns:
-        The rows to keep, their times, the number of restarts, and the number of rows whose times were spread.
+    A time between rows beyond ``longest`` (s) is a gap; ``pause`` (s) separates two episodes of the result: the
+    rows to keep, their times, the number of restarts, and the number of rows whose times were spread.
     """
     steps = np.diff(time)
     restarts = np.flatnonzero(steps < -longest) + 1

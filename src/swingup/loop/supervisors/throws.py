@@ -19,6 +19,7 @@ from ...dynamics.dynamics import gravity_torque
 from ...dynamics.integrate import rk4_steps, stable_substeps
 from ...plant.plant import Plant
 from ...plant.units import DAMPING, STATE, TORQUE, TORQUE_RATE, scales_of, similar_plant
+from ..loop import LOOP_DT
 from .supervisor import AbstractSupervisor, Intervention, no_intervention
 
 WITHOUT_DERIVATIVE = 2
@@ -114,12 +115,12 @@ def throwing_torque(
 
 
 def thrown_states(
-    random: np.random.Generator, plant: Plant, number: int, steps: int = 100, dt: float = 0.002
+    random: np.random.Generator, plant: Plant, number: int, steps: int = 100
 ) -> Float[np.ndarray, "number 4"]:
     """States after throws of an upright pendulum, from which a controller has to recover; in the plant's own units.
 
     It is the similar pendulum that is thrown: the periods of the PID and of the loop scale here, too. A throw lasts
-    so many steps of dt (s), which is the time of design C.1.
+    so many steps of the loop, in the time of design C.1.
     """
     scales = scales_of(plant)
     similar = similar_plant(plant, scales)
@@ -130,12 +131,12 @@ def thrown_states(
     # Any last error: the throw before it aimed elsewhere, so that the first derivative saturates.
     targets, last = random.uniform(-np.pi, np.pi, (number, 2)), random.uniform(-6.0, 6.0, (number, 2))
     starts = jnp.asarray(targets), jnp.asarray(last), jnp.asarray(x0)
-    thrown = np.asarray(_thrown(THROWER, similar, *starts, steps, dt, stable_substeps(similar, dt)))
+    thrown = np.asarray(_thrown(THROWER, similar, *starts, steps, stable_substeps(similar, LOOP_DT)))
     return np.asarray(scales.scaled(thrown, *STATE))
 
 
-@functools.partial(jax.jit, static_argnums=(5, 6, 7))
-@functools.partial(jax.vmap, in_axes=(None, None, 0, 0, 0, None, None, None))
+@functools.partial(jax.jit, static_argnums=(5, 6))
+@functools.partial(jax.vmap, in_axes=(None, None, 0, 0, 0, None, None))
 def _thrown(
     thrower: Thrower,
     plant: Plant,
@@ -143,7 +144,6 @@ def _thrown(
     last: Float[Array, "2"],
     x: State,
     steps: int,
-    dt: float,
     substeps: int,
 ) -> State:
     """State after one throw by a PID whose throw before ended with the error ``last``."""
@@ -151,7 +151,7 @@ def _thrown(
     def step(carry: tuple[State, PID], _: None) -> tuple[tuple[State, PID], None]:
         x, pid = carry
         pid, u = throwing_torque(thrower, plant, pid, target, x)
-        return (rk4_steps(plant, x, jnp.clip(u, -thrower.limit, thrower.limit), dt, substeps), pid), None
+        return (rk4_steps(plant, x, jnp.clip(u, -thrower.limit, thrower.limit), LOOP_DT, substeps), pid), None
 
     # Past the first two calls of the run, as in all throws but the first.
     pid = PID(jnp.array(WITHOUT_DERIVATIVE), jnp.zeros_like(last), last)

@@ -21,13 +21,10 @@ READERS = {"robot": read_urdf, "mujoco": read_mjcf}
 
 
 def read_model(path: str | Path, inertia: str | None = None, gear: float | None = None) -> Model:
-    """What a URDF or an MJCF says of a double pendulum.
+    """What a URDF or an MJCF, as its content tells, says of a double pendulum.
 
-    Args:
-        path: the file; its content tells which of the two it is.
-        inertia: whether the inertias that it states are about the "centre" of mass or about the "joint". By default
-            they are about the centre; a URDF's that may be about either are refused.
-        gear: gear ratio of the motors; by default the file's.
+    The inertias that it states are about the "centre" of mass or the "joint". By default they are about the centre;
+    a URDF's that may be about either are refused. The gear ratio is the file's unless given.
     """
     if inertia is not None:
         one_of("inertia", inertia, READINGS)

@@ -114,13 +114,7 @@ def remember(maths: Maths, state: IdentifierState, u: Array) -> IdentifierState:
 
 
 def interval(maths: Maths, state: IdentifierState, step: Number) -> Number:
-    """Time between the measured angles before the last ones are observed and these (s).
-
-    Args:
-        maths: for this kind of number.
-        state: of the calls before.
-        step: time since the last call (s).
-    """
+    """Time from when the last measured angles are observed to these, ``step`` after the last call (s)."""
     return maths.choose(state.age > 0, lambda: maths.number(state.steps[state.age - 1]), step)
 
 

@@ -49,7 +49,10 @@ class Network:
         """Follow one observation through the stages and the layers."""
         # The dataclass is frozen for its users; here it is still being made.
         object.__setattr__(self, "stages", tuple(map(checked, self.stages)))
-        _check_order(self.stages)
+        shows_plant = [isinstance(stage, PlantStage) for stage in self.stages]
+        # No stage after it: what it appends keeps the meaning that its centre and scale give it.
+        if any(shows_plant) and (any(shows_plant[:-1]) or not isinstance(self.stages[0], PendulumStage)):
+            raise SwingupError("observation stage 'plant' must be the last one, and 'pendulum' the first")
         size = _input_size(self)
         for stage in self.stages:
             size = stage.size(size)
@@ -99,13 +102,6 @@ def _reach(layer: Layer, most: float) -> float:
     """The largest output for inputs of up to ``most``."""
     sums = np.abs(layer.weight).sum(axis=1, dtype=np.float64)
     return float(np.max(sums * most + np.abs(layer.bias), initial=0.0))
-
-
-def _check_order(stages: tuple[Stage, ...]) -> None:
-    shows_plant = [isinstance(stage, PlantStage) for stage in stages]
-    # No stage after it: what it appends keeps the meaning that its centre and scale give it.
-    if any(shows_plant) and (any(shows_plant[:-1]) or not isinstance(stages[0], PendulumStage)):
-        raise SwingupError("observation stage 'plant' must be the last one, and 'pendulum' the first")
 
 
 def require_relu(network: Network, program: str) -> None:

@@ -101,12 +101,8 @@ def numpy_controller(
 ) -> LoopController[NumpyPolicy]:
     """A controller of a policy; use one object for one pendulum, in one thread.
 
-    Args:
-        policy: what the file holds.
-        estimated: behind an estimator where the file has one (None), never (False) or always (True). Settings that
-            the file lacks have their defaults, in the units of its plant.
-        guard: behind a safety guard where the file has one (None), never (False), always (True), or with these
-            settings.
+    An estimator and a safety guard are those of the file (None), never there (False) or always (True). Settings
+    that the file lacks have their defaults, in the units of its plant.
     """
     settings = choose_guard(guard, policy.guard, policy.period)
     return LoopController(NumpyPolicy(policy, estimated), policy.robot, policy.torque_limits, settings)

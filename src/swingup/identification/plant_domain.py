@@ -1,17 +1,12 @@
-"""A domain around an identified plant, and the files of both."""
+"""A domain around an identified plant."""
 
 import contextlib
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
 from ..common.errors import SwingupError
-from ..common.files import write_atomically
-from ..common.text import one_line
-from ..common.version import __version__
 from ..loop.domain import make_domain
 from ..plant.plant import Plant
-from ..plant.save import save_plant
 from .fit.prediction import LEAST_LAG
 
 Range = tuple[float, float]
@@ -56,18 +51,3 @@ def _content(p: Plant, ranges: Mapping[str, Range], narrowing: float) -> dict[st
     content["delay"] = list(delay)
     content["lag"] = [max(end, LEAST_LAG) for end in ranges["lag"]]
     return content
-
-
-def write_plant_files(
-    paths: Sequence[str | Path], plant: Plant, domain: Mapping[str, Any], logs: Sequence[str]
-) -> Path:
-    """Write a plant's files, such as ``mine.yml``, and its domain beside the first: ``mine-domain.yml``."""
-    beside = Path(paths[0]).with_name(f"{Path(paths[0]).stem}-domain.yml")
-    source = f"Source: swingup {__version__} identify, from {one_line(', '.join(logs), 500)}."
-    note = "SI units. m1, m2, r1, r2 and I1 are one choice of many that move alike."
-    for path in paths:
-        save_plant(path, plant, [source, note])
-    note = "# Ranges of the plant and its loop: 95 % intervals, narrowed where they make no pendulum."
-    rows = [f"{name}: {value}" for name, value in domain.items()]
-    write_atomically(beside, "\n".join([f"# {source}", note, *rows, ""]).encode())
-    return beside
