@@ -161,10 +161,7 @@ class Actor(AbstractActor):
     """Without it the weights of ``std_head`` are 0 and stay so."""
 
     def __call__(self, observation: Float[Array, "n *batch"]) -> SquashedGaussian:
-        """Distribution of the action; log σ = log softplus(w·h + b), clamped to [-20, 2] (authors' code).
-
-        Without dependence on the state w is 0.
-        """
+        """Distribution of the action; log σ = log softplus(w·h + b) within [-20, 2] (authors' code); w may be 0."""
         if self.std_head is None:
             raise SwingupError("this policy has no standard deviation: ask for its deterministic action")
         features = hidden_features(self.trunk, self.activation, observation)

@@ -97,10 +97,7 @@ def compute_criteria(
 
 
 def follow_tip(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: "SwingUpBoard") -> TipHistory:
-    """How high the tip came, and why the run failed if it did; arguments as of :func:`compute_criteria`.
-
-    A run also fails beyond the rules' limits, unless the robot itself stops there.
-    """
+    """How high the tip came, and why the run failed, if it did: also at limits, unless the robot stops there."""
     reach, hold, failure, cause = l1 + l2, rules.hold, None, None
     highest = float(tip_heights(x, l1, l2).max())
     if rules.limits is not None and not rules.stops:

@@ -25,11 +25,7 @@ MOST_CASES = 10_000
 def make_cases(
     robot: Robot, rules: "RobustnessBoard", criterion: str, seed: int, plant: PlantLike = LEADERBOARD
 ) -> list[Case]:
-    """All simulations of one criterion.
-
-    The grid is around the plant. The seed is that of the noise and the pushes; the other criteria do not depend on
-    it.
-    """
+    """All simulations of one criterion on a grid around the plant; the seed is that of noise and pushes."""
     nominal = load_plant(plant).driven(robot)
     # Room for pushes in every case: scenarios of one structure can be stacked.
     calm = undisturbed(rules.perturbations.pushes)

@@ -130,10 +130,7 @@ def entrants_for(
     alone: bool = False,
     plant: PlantLike = LEADERBOARD,
 ) -> dict[str, Any]:
-    """Built-in controllers and others, by name.
-
-    With ``alone`` a policy that ships with an estimator enters a second time without it.
-    """
+    """Built-in controllers and others by name; with ``alone`` those with an estimator also without it."""
     # Before controllers are made, which takes seconds.
     taken = sorted({*others} & {*names, *(f"{name}{ALONE}" for name in names)})
     if taken:

@@ -120,10 +120,7 @@ def compare(
 def close_loop(
     recording: Recording, controller: Any, name: str, robot: Robot, domain: Domain, seed: int = 0
 ) -> ClosedLoop:
-    """Run a controller from hanging at rest on a plant in its loop, for as long as the log lasts.
-
-    Plant and loop are drawn from the domain's ranges.
-    """
+    """Run a controller from rest on a plant and a loop drawn from the domain, for as long as the log lasts."""
     board = replace(HARDWARE, duration=min(recording.duration, LONGEST_RUN))
     run = judge(controller, robot, replace(board, domain=domain.name), 1, seed=seed, name=name, domain=domain)
     simulated, plant = run.trajectory, jax.tree.map(float, run.runs[0].case.scenario.parameters)

@@ -66,10 +66,7 @@ def _simulate(scenarios: Scenario, arrays: Any, static: Any, span: _Span, batche
 
 
 def prepare(source: Any, robot: Robot, name: str, plant: Plant | None = None) -> Controller:
-    """Turn a controller of any kind into one that can be run on a robot.
-
-    The name is for messages. A policy that was made for a plant that differs much is said to be so.
-    """
+    """Make a controller of any kind run on a robot, and say if it was made for a plant that differs much."""
     with naming(f"controller {name!r}"):
         controller = (
             source if isinstance(source, AbstractController | PythonController) else PythonController(source)

@@ -33,10 +33,7 @@ Ready = Callable[[], int]
 
 
 def parse(commands: Mapping[str, Command], words: Sequence[str], description: str) -> Ready:
-    """Choose a command by the first word and bind its arguments; where tyro printed help, it exits.
-
-    The signatures and docstrings of the commands make options and help.
-    """
+    """Bind the arguments of the command that the first word names; exit where tyro printed help."""
     name, *rest = words or [""]
     if name.startswith("-"):
         return _parse_alone(commands, words, description)

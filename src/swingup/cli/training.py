@@ -127,10 +127,7 @@ def train_command(
 def start_training(
     env: str, frames: int | None, out: str | None, changes: Mapping[str, Any] | None = None, **given: Any
 ) -> Run:
-    """A new run, with the defaults of its preset and its task for what is None or left out.
-
-    Changes are hyperparameters by name, ``given`` fields of the run's settings.
-    """
+    """A new run of changed hyperparameters and given settings, with the defaults for what is None or left out."""
     settings = make_run_settings(env, changes=changes, **given)
     # Ids of Gymnasium may contain signs that a folder's name cannot.
     name = settings.name.replace("/", "-").replace(":", "-")

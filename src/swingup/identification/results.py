@@ -60,10 +60,7 @@ def read_solution(
     draws: Float[np.ndarray, "draws unknowns"],
     seed: int = 0,
 ) -> Estimates:
-    """Read a solution and its draws.
-
-    The seed is that of the common factor's draws, where nothing fixes it.
-    """
+    """Read a solution and its draws; the seed draws the common factor, where nothing fixes it."""
     values, spread, places = _entries(unknowns, z), _entries(unknowns, draws), _places(len(unknowns.place))
     found = {name: float(values[place]) for name, place in places.items()}
     sampled = {name: spread[:, *place] for name, place in places.items()}

@@ -52,10 +52,7 @@ class CompiledBackend(AbstractBackend):
         evaluator: AbstractEvaluator,
         to_actions: Callable[[Any], Any] | None = None,
     ) -> None:
-        """Consecutive seeds of a task, and the evaluator of their policies.
-
-        ``to_actions`` gives the actions of the environment that the task adapts, for actions of the task.
-        """
+        """Take consecutive seeds of a task, their evaluator, and what makes an adapted environment's actions."""
         self.evaluator, self._to_actions = evaluator, to_actions
         self._task, self._config, self._seeds = task, config, range(seed, seed + seeds)
         self._advance = _train if seeds == 1 else _train_shared(sharing_mesh(seeds))

@@ -65,10 +65,7 @@ class Environments:
     """Environments side by side, with flat observations in single precision."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], name: str | None = None, lent: bool = False) -> None:
-        """Wrap a vector environment.
-
-        What is lent is closed by its owner.
-        """
+        """Wrap a vector environment; one that is lent is closed by its owner."""
         name = type(env).__name__ if name is None else name
         space, actions = (attribute(env, f"single_{each}_space") for each in ("observation", "action"))
         if not isinstance(space, Box):

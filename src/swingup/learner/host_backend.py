@@ -32,10 +32,7 @@ class HostBackend(AbstractBackend):
     evaluator: EpisodeEvaluator
 
     def __init__(self, env: Any, name: str, config: Config, seeds: Sequence[int], episodes: int) -> None:
-        """Make the environments.
-
-        With 0 episodes of an evaluation the episodes of training give the score.
-        """
+        """Make the environments; with 0 episodes of an evaluation those of training give the score."""
         passed_in = own_number(env) is not None
         if passed_in and len(seeds) > 1:
             raise SwingupError(

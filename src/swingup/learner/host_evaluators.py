@@ -30,10 +30,7 @@ class EpisodeEvaluator(AbstractEvaluator):
     stages = ()
 
     def __init__(self, env: Any, name: str, environments: Environments, seed: int, episodes: int) -> None:
-        """Prepare; environments are made when they are first needed.
-
-        ``environments`` are those of training, which have the same spaces.
-        """
+        """Prepare for environments like those of training, which are made when they are first needed."""
         self.observation_shape = environments.observation_space.shape or ()
         self._env, self._name, self._seed, self._episodes = env, name, seed, episodes
         self.actions = environments.actions.describe()

@@ -69,10 +69,7 @@ def score_of(best: Rank) -> float | None:
 def read_progress(
     state: LearnerState, metadata: dict[str, Any], settings: RunSettings, source: str
 ) -> TrainingProgress:
-    """The progress that a checkpoint holds.
-
-    Errors name its source.
-    """
+    """The progress that a checkpoint holds; errors name its source."""
     try:
         saved = run_settings_from_dict(metadata["settings"])
         # JSON has no infinities: that of a seed without an evaluation was written as null.

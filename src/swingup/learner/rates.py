@@ -36,10 +36,7 @@ def step_time(*timed: Any) -> float | None:
 
 
 def rates(reward: float, termination_rate: float, step_time: float | None = None) -> dict[str, float]:
-    """The entries of an evaluation's result.
-
-    A task without time has no seconds of a step.
-    """
+    """The entries of an evaluation's result; a task without time has no seconds of a step."""
     timed = {} if step_time is None else {REWARD_PER_SECOND: reward / step_time}
     return {REWARD_RATE: reward, **timed, RESETS: 1000.0 * termination_rate}
 

@@ -163,10 +163,7 @@ def _is_named(plant: Plant) -> bool:
 def make_run_settings(
     env: Any, preset: str | None = None, changes: Mapping[str, Any] | None = None, **given: Any
 ) -> RunSettings:
-    """The settings of a run, with the defaults of its preset and its task for what is None or left out.
-
-    ``plant`` may be a name or a file.
-    """
+    """The settings of a run, with the defaults of its preset and its task for what is None or left out."""
     robot = env if isinstance(env, str) and env in ROBOTS else None
     chosen = choose_preset(preset, env)
     defaults = get_preset(chosen)

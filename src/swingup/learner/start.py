@@ -99,10 +99,7 @@ def _restored(
 
 
 def make_backend(settings: RunSettings, env: Any = None) -> AbstractBackend:
-    """The back end of these settings, on the environment or task that they name, or on the one that is given.
-
-    With a robot, that is another variant of its task than the preset's.
-    """
+    """The back end of these settings, on the task that they name, or on a given environment or task."""
     config, seed, seeds = settings.config, settings.seed, settings.seeds
     env = as_task(settings.env if env is None else env)
     if settings.preset == ACROBOT_PRESET and is_acrobot(env):

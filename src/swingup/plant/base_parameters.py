@@ -61,11 +61,7 @@ def geometry_of(plant: Plant) -> Geometry:
 
 
 def base_parameters(p: Plant, xp: Any = np) -> Any:
-    """θ (9,) of a plant.
-
-    The plant's numbers may be traced for JAX. With ``jax.numpy`` θ has their precision, with ``numpy`` double
-    precision.
-    """
+    """θ (9,) of a plant, whose numbers may be traced: with ``jax.numpy`` in their precision, else in double."""
     inertial = p.I1 + p.I2 + p.m2 * p.l1**2, p.I2, p.m2 * p.r2, p.m1 * p.r1 + p.m2 * p.l1
     return xp.array([*inertial, p.b1, p.b2, p.cf1, p.cf2, p.Ir], float if xp is np else None)
 

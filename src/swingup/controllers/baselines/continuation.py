@@ -130,10 +130,7 @@ def accepted(tried: SwingUps, settings: ContinuationSettings) -> np.ndarray:
 def nominal_swingups(
     robot: Robot, number: int, settings: ContinuationSettings, plant: Plant = LEADERBOARD
 ) -> SwingUps:
-    """A plant's swing-up for the score, resting upright for the extra time, for each of n plants.
-
-    The leaderboards' plant's is shipped; another one's is sought.
-    """
+    """A plant's swing-up for the score, shipped or sought, for n plants; it rests upright for the extra time."""
     reference = design_of(robot, plant).reference("score")
     if not reaches_upright(reference, plant.driven(robot)):
         raise SwingupError(

@@ -94,10 +94,7 @@ def check_interface(controller: AbstractController[Any]) -> None:
 
 
 def split(controller: AbstractController[Any]) -> tuple[Any, Any]:
-    """Split into the numbers, which are arguments of compiled programs, and the rest, such as activations.
-
-    The rest is static: it is compiled into the program.
-    """
+    """Split into the numbers, which are arguments of compiled programs, and the rest, which is compiled in."""
     # Numbers as well: controllers that differ in them alone share a program.
     return eqx.partition(controller, eqx.is_array_like)
 

@@ -50,10 +50,7 @@ def never() -> Time:
 
 
 def since_first_call(t: TimeLike, first: Time) -> tuple[Time, Scalar]:
-    """The time of the first call, which this one is if there was none, and the time since then (s).
-
-    A trajectory begins with a controller's first call, whatever the clock's zero is.
-    """
+    """The time of the first call, perhaps this one, at which trajectories begin, and the time since then (s)."""
     now = as_time(t).like(first)
     # As a value, since a compiled loop has no first call of its own.
     none: Flag = jnp.isneginf(first.rest)

@@ -201,10 +201,7 @@ def followed(
     gains: Float[Any, "n 4"],
     limit: Scalar | float,
 ) -> Float[Array, "n"]:
-    """Torques within a limit (N m) that follow a motion by feedback, on another plant or grid than its own.
-
-    The torques alone would soon leave it: upright is unstable.
-    """
+    """Torques within a limit (N m) that follow a motion by feedback on another plant or grid than its own."""
     return forward(pendulum, cost, unpack(x[0]), u, limit, (unpack(x), unpack(gains))).u
 
 

@@ -49,10 +49,7 @@ UNGUARDED_NOTE = """\
 
 
 def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
-    """The header's text.
-
-    All names in it begin with ``name``: headers with different names go into one program.
-    """
+    """The header's text, in which all names begin with ``name``: several go into one program."""
     check_export_name(name)
     require_relu(policy.network, "a C header")
     data = f"#ifndef SWINGUP_POLICY_H\n#define SWINGUP_POLICY_H\n\n{c_data(policy)}"

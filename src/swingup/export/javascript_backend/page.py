@@ -17,11 +17,7 @@ def policy_script() -> str:
 
 
 def policy_data(policy: PendulumPolicy) -> dict[str, Any]:
-    """A policy as JSON values: its stages with their settings, and its layers up to the action's mean.
-
-    It is the network alone, folded for the policy's plant: a page has no estimator,
-    identifier, regulator or guard.
-    """
+    """A policy's network alone, folded for its plant, as JSON values: its stages, and its layers up to the mean."""
     require_relu(policy.network, "a page")
     network = policy.folded
     return {

@@ -104,10 +104,7 @@ def _predicted(setting: Integration, derivatives: bool, model: np.ndarray, windo
 
 
 def in_chunks(size: int, count: int, run: Callable[[np.ndarray], Any]) -> list[np.ndarray]:
-    """Run a compiled program on ``size`` rows of ``count`` at a time, on a thread for each core.
-
-    The last chunk is filled up with the first row, so that the program compiles once.
-    """
+    """Run a compiled program on ``size`` rows at a time, on a thread for each core; the last chunk is filled up."""
 
     def part(first: int) -> list[np.ndarray]:
         rows = np.arange(first, first + size)

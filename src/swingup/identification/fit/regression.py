@@ -103,10 +103,7 @@ def regress(
     ages: int = len(AGES),
     largest: float = LARGEST_FACTOR,
 ) -> Solution:
-    """Base parameters, masses and inertias within a factor of the start's, and friction.
-
-    Torques set the scale; without any, m1 r1 + m2 l1 is the start's.
-    """
+    """Base parameters, masses and inertias within a factor of the start's; without torques k is the start's."""
     problem = _Problem(setting, spans, start, driven, reading, largest)
     impulses = np.diff(spans.impulse.reshape(len(spans), len(AGES), 2, 2), axis=2)[:, :, 0] @ reading.torques.T
     # 4 ms first, the usual age: where one age is enough, it is this one.

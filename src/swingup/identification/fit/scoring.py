@@ -76,10 +76,7 @@ def error_row(errors: Float[np.ndarray, "windows 4"]) -> ErrorRow:
 
 
 def hold_out(everything: Segments, windows: Segments) -> tuple[Segments, Segments]:
-    """What is judged, some windows of the scoring, and what is fitted: windows that share no time with them.
-
-    ``everything`` are the windows of the scoring, of all logs.
-    """
+    """What is judged of all windows of the scoring, and what is fitted: windows that share no time with them."""
     judged = everything.take(_held_out(everything))
     free = np.ones(len(windows), bool)
     for log in np.unique(judged.log):

@@ -213,10 +213,7 @@ def remember(maths: Maths, loop: Loop, state: EstimatorState, u: Array) -> Estim
 def _identify(
     maths: Maths, loop: Loop, state: EstimatorState, in_time: Any, pause: Number, x: Array
 ) -> IdentifierState | None:
-    """Show the identifier, if there is one, the angles measured a pause (s) after the last ones, perhaps too late.
-
-    Rates are noisy and not needed.
-    """
+    """Show the identifier, if any, the angles measured a pause (s) after the last ones, perhaps too late."""
     before, behind, period = state.identified, loop.finding, loop.settings.dt
     if behind is None or before is None:
         return None

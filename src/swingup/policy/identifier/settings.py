@@ -107,10 +107,7 @@ def commands(period: float, max_delay_steps: int) -> int:
 
 
 def prior(plant: Plant, settings: IdentifierSettings | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (n,) and covariance (n, n) of the unknowns before anything is measured, from a nominal plant.
-
-    n is 17 where loads are expected, else 13.
-    """
+    """Mean (n,) and covariance (n, n) of the unknowns before any measurement; n is 17 with loads, else 13."""
     s = settings or IdentifierSettings()
     loads = (s.load_deviation, s.load_deviation, s.spring_deviation, s.spring_deviation) if s.loads else ()
     size = UNKNOWNS + len(loads)
@@ -131,10 +128,7 @@ def prior(plant: Plant, settings: IdentifierSettings | None = None) -> tuple[np.
 
 
 def offsets(tilt1: Any, tilt2: Any, theta: Any, clip: Callable[[Any, float, float], Any]) -> tuple[Any, Any]:
-    """How much the measured angles are too large (rad). Arithmetic for any kind of number.
-
-    The tilts are κ1 and κ2 (kg m).
-    """
+    """How much the measured angles are too large (rad), for tilts κ1 and κ2 (kg m) of any kind of number."""
     # κ2 belongs to the angle of link 2 in space, which both offsets spoil.
     both = clip(tilt2 / theta[2], -MOST_OFFSET, MOST_OFFSET)
     first = clip(tilt1 / theta[3], -MOST_OFFSET, MOST_OFFSET)

@@ -105,10 +105,7 @@ def _reach(layer: Layer, most: float) -> float:
 
 
 def require_relu(network: Network, program: str) -> None:
-    """Refuse hidden layers that a program does not run.
-
-    The name of the program starts the sentence.
-    """
+    """Refuse hidden layers that a program, whose name starts the sentence, does not run."""
     if network.activation != RELU:
         raise SwingupError(
             f"{program} runs hidden layers of ReLU, not activation = {network.activation!r}: run the policy in "
