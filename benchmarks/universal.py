@@ -24,7 +24,7 @@ from swingup.benchmark.judge import judge
 from swingup.common.errors import SwingupError
 from swingup.common.version import __version__
 from swingup.controllers.stack.controller import make_controller, policy_alone
-from swingup.learner.policy_files import BEST
+from swingup.learner.run_folder import BEST
 from swingup.learner.run_settings import make_run_settings
 from swingup.learner.start import resume_run, start_run
 from swingup.loop.domain import Domain

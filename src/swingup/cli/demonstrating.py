@@ -12,9 +12,9 @@ from ..common.errors import SwingupError
 from ..common.files import write_atomically
 from ..common.text import duration
 from ..controllers.stack.controller import policy_alone
-from ..learner.policy_files import BEST
 from ..learner.progress import TrainingReport
 from ..learner.run import Run
+from ..learner.run_folder import BEST
 from ..plant.robots import ROBOTS, Robot
 from ..policy.shipped import load_policy
 from ..report.make import trained_section
@@ -24,8 +24,7 @@ from .output import tell
 from .parsing import program_typed
 from .progress import Progress
 from .results import comparison_lines
-from .showing import train_shown
-from .training import start_training
+from .training import start_training, train_shown
 
 ACROBOT = ROBOTS["acrobot"]
 PRESET = "fast"

@@ -18,9 +18,9 @@ from ..common.text import command_line, duration
 from ..common.version import __version__
 from ..controllers.registry import get_controller
 from ..controllers.stack.controller import policy_alone
-from ..learner.policy_files import BEST
 from ..learner.presets import get_preset
 from ..learner.run import Run
+from ..learner.run_folder import BEST
 from ..learner.run_settings import make_run_settings
 from ..learner.start import resume_run, start_run
 from ..loop.domain import Domain, load_domain
@@ -46,7 +46,7 @@ from .arguments import (
 from .output import tell
 from .progress import Progress
 from .results import result_lines
-from .showing import train_shown
+from .training import train_shown
 
 PRESET = "small"
 """Preset of the base policies: it learns to recover on any pendulum in minutes."""

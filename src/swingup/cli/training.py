@@ -1,7 +1,12 @@
-"""The command ``train``: from its options to a run, and the score of the best policy."""
+"""The command ``train``: from its options to a run before the user's eyes, and the score of the best policy."""
 
-from collections.abc import Mapping
+import contextlib
+import math
+import shlex
+import signal
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, TypedDict
 
 import numpy as np
@@ -14,17 +19,21 @@ from ..common.errors import SwingupError
 from ..controllers.registry import get_controller
 from ..learner.compiled_backend import share_cores
 from ..learner.metrics import METRICS_FILE, read_metrics
-from ..learner.policy_files import BEST, LAST, result_on_disk
 from ..learner.presets import PENDULUM_PRESET, PRESETS, get_preset
+from ..learner.progress import TrainingReport
 from ..learner.rates import REWARD_RATE, describe_rates, shown_rate, training_resets
 from ..learner.run import Run
+from ..learner.run_folder import BEST, LAST, result_on_disk
 from ..learner.run_settings import is_continuing, make_run_settings, read_run_settings
 from ..learner.start import resume_run, start_run
-from .arguments import NO_PLANT, PlantOptions, RobotOrNone, judged_name, optional, plant_of, task_name
+from .arguments import NO_PLANT, PlantOptions, RobotOrNone, judged_name, optional, plant_note, plant_of, task_name
 from .output import tell, tell_table
-from .parsing import value_of
+from .parsing import program_typed, value_of
+from .progress import Progress
 from .results import result_lines
-from .showing import train_shown
+
+Note = Callable[[TrainingReport], str]
+"""Words among a report's figures; none where they are empty."""
 
 
 class RunOptions(TypedDict, total=False):
@@ -134,6 +143,72 @@ def start_training(
     folder = out or f"runs/{name}-{settings.preset}-{settings.seed}"
     share_cores(settings.seeds)
     return start_run(settings, folder, get_preset(settings.preset).frames if frames is None else frames)
+
+
+def train_shown(run: Run, note: Note = lambda report: "") -> int:
+    """Train to the goal, with the progress and a note on standard error, and free the environments.
+
+    The exit status is 0, or that of the signal that stopped the run; then it is saved.
+    """
+    settings = run.settings
+    on = settings.preset + ("" if settings.robot is None else plant_note(settings.plant, settings.robot))
+    with Progress() as progress:
+        progress.log(f"training {settings.name} ({on}) to {run.goal:,} frames in {run.folder}")
+        progress.log("compiling")
+        run.compile()  # first, so that the estimate of the time left does not contain it
+        progress("frames", run.frames, run.goal)
+        with _stopped_by_signals(run) as received:
+            for report in run.advance():
+                progress("frames", report.frames, run.goal, figures(report, note(report)))
+        run.close()
+        if not received:
+            return 0
+        command = f"{program_typed()} train --resume {shlex.quote(str(run.folder))}"
+        progress.log(f"stopped at {run.frames:,} frames and saved: continue with {command}")
+    # The status that shells give a program ended by this signal.
+    return 128 + received[0]
+
+
+def figures(report: TrainingReport, note: str = "") -> str:
+    """What a report says, the most wanted first, since a narrow terminal cuts the end.
+
+    Scores, rewards and resets are means over the seeds; resets are those per 1,000 steps, where there were some.
+    """
+    resets = [number for row in report.rows if (number := training_resets(row)) is not None]
+    parts = [
+        "" if report.best_score is None else f"best {report.best_score:.3f}",
+        note,
+        f"score {_mean(report, 'score'):.3f}",
+        f"reward {_mean(report, 'reward'):.3f}",
+        f"resets {sum(resets) / len(resets):.3g}/1k" if any(resets) else "",
+        f"{report.frames_per_second / 1000:.3g}k/s",
+    ]
+    return "  ".join(part for part in parts if part)
+
+
+def _mean(report: TrainingReport, name: str) -> float:
+    values = [math.nan if row[name] is None else row[name] for row in report.rows]
+    return sum(values) / len(values)
+
+
+@contextlib.contextmanager
+def _stopped_by_signals(run: Run) -> Iterator[list[int]]:
+    """Ctrl-C and SIGTERM end the run after its iteration; a second one ends the program at once."""
+    received: list[int] = []
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        received.append(number)
+        signal.signal(number, signal.SIG_DFL)
+        run.stop()
+
+    former = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    watched = signal.set_wakeup_fd(-1)  # the run is saved, however long its iteration takes
+    try:
+        yield received
+    finally:
+        signal.set_wakeup_fd(watched)
+        for number, handler in former.items():
+            signal.signal(number, handler)
 
 
 def _resume(folder: Path, frames: int | None, given: dict[str, Any]) -> Run:

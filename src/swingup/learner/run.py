@@ -24,9 +24,8 @@ from ..common.version import __version__
 from ..controllers.stack.policy import Policy
 from .backend import AbstractBackend, split_seeds
 from .metrics import MetricsWriter
-from .policy_files import BEST, LAST, seed_file
 from .progress import TrainingProgress, TrainingReport, is_finite, rank, score_of
-from .run_folder import RunFolder
+from .run_folder import BEST, LAST, RunFolder, seed_file
 from .run_settings import RunSettings, write_run_settings
 
 Snapshot = tuple[LearnerState, dict[str, Any]]

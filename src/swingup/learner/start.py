@@ -21,7 +21,6 @@ from .backend import AbstractBackend
 from .compiled_backend import CompiledBackend
 from .evaluators import ReturnEvaluator, SwingUpEvaluator, check_actions
 from .memory import check_memory
-from .policy_files import best_on_disk
 from .presets import ACROBOT_PRESET, is_acrobot
 from .progress import UNRANKED, TrainingProgress, is_finite, read_progress
 from .run import Run, Snapshot
@@ -74,7 +73,7 @@ def resume_run(folder: str | Path, frames: int | None = None, env: Any = None) -
     run = Run(settings, backend, progress, goal, place)
     if frames is not None and goal < run.frames:
         raise SwingupError(f"frames = {goal}, but {folder} stands at {run.frames} already: ask for more")
-    on_disk = best_on_disk(place.path, settings, backend.evaluator.measure)
+    on_disk = place.best(settings, backend.evaluator.measure)
     # A policy may be newer than the checkpoint; a worse one must not replace it.
     run.progress = replace(progress, best=tuple(map(max, progress.best, on_disk)))
     write_run_settings(place.path, settings, goal)
