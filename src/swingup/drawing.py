@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from jaxtyping import UInt8
 
-from .common.errors import SwingupError
+from .common.errors import needing
 from .plant.robots import TORQUE_LIMIT
 
 if TYPE_CHECKING:
@@ -51,10 +51,8 @@ def draw_frame(
     Raises:
         SwingupError: Pillow is not installed.
     """
-    try:
+    with needing("Pillow", "render", "drawing"):
         from PIL import Image, ImageDraw
-    except ImportError as error:
-        raise SwingupError("drawing needs Pillow, which is missing: pip install swingup[render]") from error
     pixels = size * SUPERSAMPLING
     scale = pixels / (2 * MARGIN * (l1 + l2))
     shoulder = (pixels / 2, pixels / 2)

@@ -126,7 +126,8 @@ def examine(
     time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
     period, scales = np.diff(time), scales_of(plants[1])
     with np.errstate(all="ignore"):  # absurd values overflow and become findings
-        slip = _slip(period, x)
+        # What the velocities of two rows do not explain of the angles between (rad), by the trapezoidal rule.
+        slip = wrap_difference(np.diff(x[:, :2], axis=0) - 0.5 * period[:, None] * (x[:-1, 2:] + x[1:, 2:]))
         simulated = _is_simulated(period, x, slip)
         # A simulation's velocities are those of its angles, and finer at high speeds.
         window = scales.scaled(SLOPE_WINDOW, TIME)
@@ -212,11 +213,6 @@ def _torques(u: Float[np.ndarray, "rows 2"], robot: Robot, limit: float, thrown:
         )
 
 
-def _slip(period: np.ndarray, x: Float[np.ndarray, "rows 4"]) -> Float[np.ndarray, "steps 2"]:
-    """Change of the angles that the velocities of its two rows do not explain (rad), by the trapezoidal rule."""
-    return wrap_difference(np.diff(x[:, :2], axis=0) - 0.5 * period[:, None] * (x[:-1, 2:] + x[1:, 2:]))
-
-
 def _is_simulated(period: np.ndarray, x: np.ndarray, slip: Float[np.ndarray, "steps 2"]) -> bool:
     """Whether velocities and angles agree as a simulation's do: no encoder's steps, and no noise."""
     speed = np.abs(x[1:, 2:]).max(axis=1)
@@ -226,7 +222,7 @@ def _is_simulated(period: np.ndarray, x: np.ndarray, slip: Float[np.ndarray, "st
 
 
 def _positions(period: np.ndarray, slip: Float[np.ndarray, "steps 2"], scales: Scales) -> _Found:
-    largest = _largest(_in_windows(slip, period))
+    largest = float(np.abs(_in_windows(slip, period)).max())
     allowed = SLIP + SLIP_RATE * min(float(np.median(period)), COARSEST)
     if not largest <= scales.scaled(allowed, VELOCITY):
         yield Finding(
@@ -305,7 +301,7 @@ def _defect(
             number = 1 if scales.time == 1 else stable_substeps(parameters, float(np.median(step)))
             after = np.asarray(_steps(parameters, x[:-1], u[:-1], step, min(number, MOST_SUBSTEPS)))
         defect = np.where((period <= COARSEST)[:, None], x[1:, 2:] - after[:, 2:], 0.0)
-        found = _largest(_in_windows(defect, period))
+        found = float(np.abs(_in_windows(defect, period)).max())
         least = min(least, found if math.isfinite(found) else LARGEST_NUMBER)
     if least > scales.scaled(DEFECT if drawn else TRACE, VELOCITY):
         yield Finding(
@@ -320,7 +316,3 @@ def _in_windows(steps: Float[np.ndarray, "steps n"], period: np.ndarray) -> Floa
     """Sums over all windows of as many rows as usually take :data:`WINDOW`."""
     total, count = running(steps), rows_in(WINDOW, period)
     return total[count:] - total[:-count]
-
-
-def _largest(values: np.ndarray) -> float:
-    return float(np.abs(values).max())

@@ -30,3 +30,12 @@ def naming(subject: str, remedy: str = "") -> Iterator[None]:
         yield
     except SwingupError as error:
         raise SwingupError(f"{subject}: {error}{remedy}") from error
+
+
+@contextlib.contextmanager
+def needing(package: str, extra: str, what: str) -> Iterator[None]:
+    """Name the extra that installs a package without which something does not work."""
+    try:
+        yield
+    except ImportError as error:
+        raise SwingupError(f"{what} needs {package}, which is missing: pip install 'swingup[{extra}]'") from error

@@ -85,34 +85,24 @@ class Environments:
                 f"{name} says autoreset_mode = {quoted(mode)} in its metadata: it must be an AutoresetMode"
             )
         self.observation_space, self.actions = space, space_actions(actions)
+        self.spaces = Spaces(int(np.prod(space.shape)), self.actions.size, self.actions.choices)
         self.num_envs = whole_number(f"num_envs of {name}", attribute(env, "num_envs"), 1)
         # Only environments of this process are asked: a worker process would not survive an attribute it lacks.
         members: list[Any] = env.envs if isinstance(env, SyncVectorEnv) else []
         self.step_time = step_time(*members[:1] or [env])
         self._counting = [each for each in members if each.has_wrapper_attr(OWN_RESETS)]
+        self.endless = bool(self._counting)
+        """Whether these are continuing tasks, which count the resets that they make themselves."""
+        self.all_count = mode is not AutoresetMode.NEXT_STEP
+        """Whether no row is spent on a reset."""
         self._env, self._mode, self._name, self._lent = env, mode, name, lent
         self._resetting = np.zeros(self.num_envs, np.bool_)
         self._starts = np.zeros((self.num_envs, self.spaces.observation_size), np.float32)
 
     @property
-    def spaces(self) -> Spaces:
-        """Sizes of the observations and the actions."""
-        return Spaces(int(np.prod(self.observation_space.shape)), self.actions.size, self.actions.choices)
-
-    @property
-    def endless(self) -> bool:
-        """Whether these are continuing tasks, which count the resets that they make themselves."""
-        return bool(self._counting)
-
-    @property
     def own_resets(self) -> int:
         """Resets so far that continuing tasks made themselves."""
         return sum(each.get_wrapper_attr(OWN_RESETS) for each in self._counting)
-
-    @property
-    def all_count(self) -> bool:
-        """Whether no row is spent on a reset."""
-        return self._mode is not AutoresetMode.NEXT_STEP
 
     def reset(self, seed: int) -> Float32[np.ndarray, "envs n"]:
         """Start new episodes in all environments, from a seed that fixes all later draws."""

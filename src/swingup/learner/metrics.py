@@ -17,7 +17,7 @@ from ..common.files import write_atomically
 METRICS_FILE = "metrics.jsonl"
 
 
-class MetricsWriter:
+class MetricsWriter(contextlib.AbstractContextManager["MetricsWriter"]):
     """Appends reports to a run's folder; resuming drops those after the checkpoint.
 
     A file that cannot be written is a :class:`SwingupError`.
@@ -51,9 +51,6 @@ class MetricsWriter:
         with self._errors_in_words():
             self._file.flush()
             os.fsync(self._file.fileno())
-
-    def __enter__(self) -> "MetricsWriter":
-        return self
 
     def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
         """Close all files; a failure to flush is raised only if no other error is in flight."""

@@ -36,6 +36,7 @@ class RunFolder:
     def __init__(self, path: str | Path) -> None:
         """A folder at this path, which need not exist yet."""
         self.path = Path(path)
+        self.checkpoints = self.path / "checkpoints"
 
     def __str__(self) -> str:
         return str(self.path)
@@ -56,11 +57,6 @@ class RunFolder:
         for path in self._content():
             # A link is removed, never what it points at.
             shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
-
-    @property
-    def checkpoints(self) -> Path:
-        """The folder of the checkpoints."""
-        return self.path / "checkpoints"
 
     def save_checkpoint(self, frames: int, state: Any, metadata: Mapping[str, Any]) -> None:
         """Write a checkpoint, then delete the oldest: a write that fails loses nothing."""

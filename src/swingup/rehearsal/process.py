@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,7 +36,7 @@ class Reply:
     """Whether a safety guard has stopped the controller."""
 
 
-class FolderProcess:
+class FolderProcess(AbstractContextManager["FolderProcess"]):
     """A running folder. Use it in a ``with`` statement: the process ends with it."""
 
     def __init__(
@@ -67,10 +68,6 @@ class FolderProcess:
         except BaseException:
             self.close()
             raise
-
-    def __enter__(self) -> "FolderProcess":
-        """The process itself."""
-        return self
 
     def __exit__(self, *reason: object) -> None:
         """End the process."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, needing
 from ..common.text import one_line
 from ..drawing import BASE, DRIVEN, GREEN, GUIDE, LINK_1, LINK_2
 from .figure import BARS, DASHED, DOTS, LINE, PALE_BARS, RING, STAR, THIN, Curve, Figure, Panel
@@ -157,10 +157,8 @@ def _draw_bars(axes: "Axes", curve: Curve, colour: str) -> "Artist":
 
 def styled() -> AbstractContextManager[None]:
     """A context in which figures have this style."""
-    try:
+    with needing("matplotlib", "plot", "a figure"):
         from matplotlib import style
-    except ImportError as error:
-        raise SwingupError("figures need matplotlib, which is missing: pip install swingup[plot]") from error
     # A user's matplotlibrc has no effect.
     sheet = str(resources.files(__package__) / "assets" / "figure.mplstyle")
     colours = {"axes.edgecolor": BASE, "xtick.color": BASE, "ytick.color": BASE, "grid.color": GUIDE}

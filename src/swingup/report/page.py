@@ -17,7 +17,7 @@ from ..benchmark.columns import COLUMNS
 from ..benchmark.leaderboard import OURS
 from ..benchmark.recording import LEAST, Rows, checked_rows
 from ..benchmark.rules import CRITERIA
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, needing
 from ..common.files import check_suffix, write_atomically
 from ..common.text import one_line
 from ..common.version import __version__
@@ -95,10 +95,8 @@ def _render(arrays: Mapping[str, int], shown: dict[str, Any], **texts: Any) -> s
 
 def page_template() -> Any:
     """The page's template."""
-    try:
+    with needing("Jinja", "report", "a report"):
         from jinja2 import Environment, StrictUndefined
-    except ImportError as error:
-        raise SwingupError("a report needs Jinja, which is missing: pip install swingup[report]") from error
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters["line"] = one_line
     return environment.from_string(_asset("page.html"))

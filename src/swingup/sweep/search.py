@@ -18,7 +18,7 @@ from ..areapo.config import Config, format_value, parse_value
 from ..benchmark.comparison import interquartile_mean
 from ..common.arrays import write_json
 from ..common.checks import is_number, whole_number
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, needing
 from ..common.text import one_line, quoted
 from ..learner.run_folder import RunFolder
 from ..learner.run_settings import RunSettings, make_run_settings
@@ -201,10 +201,8 @@ def _run_trials(
 
 def _distribution(name: str, text: str) -> "BaseDistribution":
     """Optuna's form of a range, or of alternatives, which it stores as text."""
-    try:
+    with needing("Optuna", "optuna", "a search"):
         from optuna import distributions
-    except ImportError as error:
-        raise SwingupError("a search needs Optuna: pip install 'swingup[optuna]'") from error
     low, colon, rest = text.partition(":")
     if not colon:
         return distributions.CategoricalDistribution(

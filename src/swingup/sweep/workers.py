@@ -12,7 +12,7 @@ from typing import Any
 
 from ..common.checks import whole_number
 from ..common.cores import cores
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, needing
 
 MOST_WORKERS = 1024
 
@@ -31,10 +31,8 @@ def workers_for(scheduler: str | None = None, count: int | None = None) -> Itera
         with _local_processes(count) as executor:
             yield executor, count
         return
-    try:
+    with needing("Dask", "dask", "--scheduler"):
         from distributed import Client
-    except ImportError as error:
-        raise SwingupError("--scheduler needs Dask: pip install 'swingup[dask]'") from error
     try:
         client = Client(scheduler, timeout=5)
     except (OSError, ValueError) as error:

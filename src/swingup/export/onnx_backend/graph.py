@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...common.errors import SwingupError
+from ...common.errors import needing
 from ...common.version import __version__
 from ...policy.network.layers import FLOAT32_SUM_WIDTH, STATE, Layer, require_relu
 from ...policy.network.stages import NormaliseStage, PendulumStage
@@ -29,10 +29,8 @@ def onnx_model(policy: PendulumPolicy) -> bytes:
     memory.
     """
     require_relu(policy.network, "an ONNX graph")
-    try:
+    with needing("the package onnx", "onnx", "an ONNX graph"):
         import onnx
-    except ImportError as error:
-        raise SwingupError("the package onnx is not installed: pip install 'swingup[onnx]'") from error
     graph = _Graph(onnx.helper, onnx.numpy_helper)
     network, features = policy.folded, "state"
     for stage in network.stages:
