@@ -1,7 +1,7 @@
 """Frames a second of compiled training, with so many seeds side by side under `vmap`, on JAX's default device.
 
-Usage: python benchmarks/seeds_speed.py [PRESET:SEEDS ...]; default: fast and acrobot with 1, 64 and 1,024 seeds, and
-paper with 1 and 2. A frame is an action. Neither compilation nor evaluations count.
+Usage: python benchmarks/seeds_speed.py [PRESET:SEEDS ...]; default: fast and acrobot with 1, 64 and 1,024 seeds,
+and paper with 1 and 2. A frame is an action. Neither compilation nor evaluations count.
 """
 
 import sys
