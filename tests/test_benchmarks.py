@@ -192,18 +192,18 @@ def test_a_policy_file_of_dm_controls_acrobot_earns_in_mujoco_what_it_earns_in_t
     pytest.importorskip("mujoco")
     import acrobot_swingup as script
 
-    monkeypatch.setattr(script, "EPISODES", 3)
-    monkeypatch.setattr(script, "STEPS", 50)
+    monkeypatch.setattr(script, "EPISODES", 2)
+    monkeypatch.setattr(script, "STEPS", 20)
     model = AREAPO(script.ID, num_envs=2, num_steps=4, batch_size=8, evaluation_episodes=1)
     model.export_policy(tmp_path / "policy.safetensors")
     found = script.judge(tmp_path / "policy.safetensors", 7)
     random, returns, task = np.random.default_rng([7, 1]), [], AcrobotSwingup()
-    step = jax.jit(task.step)
-    for _ in range(3):
+    step, observe = jax.jit(task.step), jax.jit(task.observe)
+    for _ in range(2):
         angles = random.uniform(-np.pi, np.pi, 2)
         state, total = PendulumState(jnp.array([angles[0] + np.pi, angles[1], 0.0, 0.0]), jnp.array(0)), 0.0
-        for _ in range(50):
-            taken = step(state, model.predict(magnified(task.observe(state))), jax.random.key(0))
+        for _ in range(20):
+            taken = step(state, model.predict(magnified(np.asarray(observe(state)))), jax.random.key(0))
             state, total = taken.state, total + float(taken.reward)
         returns.append(total)
     np.testing.assert_allclose(found, returns, rtol=1e-3)

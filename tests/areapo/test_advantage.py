@@ -38,7 +38,7 @@ def test_advantages_equal_a_plain_loop(discount, gae_lambda):
     rng = np.random.default_rng(0)
     deltas, cuts = rng.normal(size=(17, 5, 2)), rng.random((17, 5)) < 0.2
     with jax.enable_x64(True):
-        found = lambda_advantages(deltas, cuts, Config(discount=discount, gae_lambda=gae_lambda))
+        found = jax.jit(lambda_advantages)(deltas, cuts, Config(discount=discount, gae_lambda=gae_lambda))
     expected = plain_gae(deltas, cuts, np.array(discount), np.array(gae_lambda))
     np.testing.assert_allclose(found, expected, atol=1e-12)
 

@@ -12,7 +12,7 @@ init_critic = jax.jit(initial.init_critic, static_argnums=(1, 2))
 
 def test_actor_starts_near_zero_with_the_given_deviation():
     actor = init_actor(jax.random.key(0), 4, 1, (64, 64), -1.0)
-    observations = jax.random.normal(jax.random.key(1), (100, 4))
+    observations = np.random.default_rng(1).normal(size=(100, 4)).astype(np.float32)
     distribution = jax.jit(lambda actor, o: jax.vmap(actor)(o))(actor, observations)
     # σ = softplus(w·h + b) with b = log(e^(e^-1) - 1) and |w·h| small.
     np.testing.assert_allclose(distribution.log_std, -1.0, atol=0.5)
@@ -23,7 +23,7 @@ def test_actor_starts_near_zero_with_the_given_deviation():
 def test_a_clamped_deviation_is_not_stuck():
     """A policy whose log σ had passed 2 never learned again: `fast`, acrobot, after 189 million frames."""
     wide = init_actor(jax.random.key(0), 4, 1, (8,), 3.0)
-    log_std, gradient = jax.value_and_grad(lambda actor: actor(jnp.zeros(4)).log_std[0])(wide)
+    log_std, gradient = jax.jit(jax.value_and_grad(lambda actor: actor(jnp.zeros(4)).log_std[0]))(wide)
     assert float(log_std) == pytest.approx(2.0, abs=1e-6)
     assert float(gradient.std_head.bias[0]) > 0.1
 
@@ -51,7 +51,7 @@ def test_a_deviation_that_does_not_depend_on_the_state():
     actor = jax.jit(lambda key: initial.init_actor(key, 4, 2, (8,), -0.5, state_dependent_std=False))(
         jax.random.key(0)
     )
-    observations = 3.0 * jax.random.normal(jax.random.key(1), (4, 50))
+    observations = 3 * np.random.default_rng(1).normal(size=(4, 50)).astype(np.float32)
 
     @jax.jit
     @jax.grad
@@ -59,11 +59,11 @@ def test_a_deviation_that_does_not_depend_on_the_state():
         # Both rows of log σ, weighted: its gradient is not zero by symmetry.
         return jnp.sum(actor(observations).log_std * observations[:2] ** 2)
 
-    np.testing.assert_allclose(actor(observations).log_std, -0.5, atol=1e-6)
+    np.testing.assert_allclose(jax.jit(lambda actor: actor(observations).log_std)(actor), -0.5, atol=1e-6)
     gradient = slope(actor)
     assert not np.any(gradient.std_head.weight)
     assert not any(np.any(layer.weight) for layer in gradient.trunk)
     # d log softplus(b) / db = sigmoid(b) / softplus(b), with softplus(b) = σ and sigmoid(b) = 1 - exp(-σ).
     deviation = np.exp(-0.5)
-    expected = (1.0 - np.exp(-deviation)) / deviation * np.sum(np.asarray(observations[:2]) ** 2, axis=1)
+    expected = (1.0 - np.exp(-deviation)) / deviation * np.sum(observations[:2] ** 2, axis=1)
     np.testing.assert_allclose(gradient.std_head.bias, expected, rtol=1e-4)

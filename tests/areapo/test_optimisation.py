@@ -53,7 +53,11 @@ LEAST = {"tagged": optimisation.LEAST_RANDOM, "sorted by bits": optimisation.WOR
 @pytest.fixture(params=LEAST.values(), ids=LEAST)
 def orders(request, monkeypatch):
     monkeypatch.setattr(optimisation, "LEAST_RANDOM", request.param)
-    return lambda epochs, size: np.asarray(optimisation.shuffled(jax.random.key(0), epochs, size))
+
+    def draw(epochs, size):
+        return np.asarray(jax.jit(lambda key: optimisation.shuffled(key, epochs, size))(jax.random.key(0)))
+
+    return draw
 
 
 @pytest.mark.parametrize("size", [1, 24, 1024, 1025])

@@ -56,13 +56,13 @@ CONVENTIONS = {
                    f"q1=pos_meas1:turns q2=pos_meas2:turns {RPM}"),
     "counts": (angles(lambda q: np.round(q * 4096 / TURN)), "q1=pos_meas1:counts/4096 q2=pos_meas2:counts/4096"),
     "mN m": (torques(lambda u: 1000 * u), "u1=tau_con1:mNm u2=tau_con2:mNm"),
-    "one in mN m": (lambda c: {"u2": 1000 * c.u2}, "u2=tau_con2:mNm"),
     "velocities swapped": (lambda c: {"d1": c.d2, "d2": c.d1}, "dq1=vel_meas2 dq2=vel_meas1"),
-    "velocity reversed": (lambda c: {"d1": -c.d1}, "dq1=-vel_meas1"),
     "milliseconds": (lambda c: {"t": np.round(1000 * c.t)}, "time=time:ms"),
 }  # fmt: skip
 """What was done to a log, and the words that undo it."""
 MORE_CONVENTIONS = {
+    "one in mN m": (lambda c: {"u2": 1000 * c.u2}, "u2=tau_con2:mNm"),
+    "velocity reversed": (lambda c: {"d1": -c.d1}, "dq1=-vel_meas1"),
     "absolute": (lambda c: {"q2": c.q1 + c.q2, "d2": c.d1 + c.d2}, ABSOLUTE),
     "horizontal": (lambda c: {"q1": c.q1 - PI / 2}, "q1=pos_meas1+pi/2"),
     "horizontal, absolute": (lambda c: {"q1": c.q1 + PI / 2, "q2": c.q1 + c.q2 + PI / 2, "d2": c.d1 + c.d2},
@@ -100,7 +100,7 @@ SLOW_CASES = [pytest.param(*case, marks=pytest.mark.slow, id=name) for name, cas
     ("change", "words"), [*(pytest.param(*case, id=name) for name, case in CONVENTIONS.items()), *SLOW_CASES]
 )
 def test_the_option_makes_it_the_same_log(tmp_path, table, change, words):
-    path = tmp_path / "log.csv"
+    path, table = tmp_path / "log.csv", table[:1300]  # 3 s
     np.savetxt(path, changed(table, change), delimiter=",", header=HEADER, comments="", fmt="%.20g")
     message = refusal(read_checked, path)
     found = shlex.split(message.split("--columns ")[1].split(", or take")[0])

@@ -7,6 +7,7 @@ from synthetic import step
 
 from refusals import refusal
 from swingup.cli import main, pendulums
+from swingup.common.table import write_columns
 from swingup.controllers.swingups.trajectory_csv import load_reference_csv
 from swingup.identification.excite import excite as search
 from swingup.identification.excite import rollouts
@@ -14,7 +15,9 @@ from swingup.identification.excite.prior import corner_models, draw_models, prio
 from swingup.identification.excite.rollouts import Sequences, simulate
 from swingup.identification.excite.waves import PERIOD, REST, SHARES, TILTS, multisines
 from swingup.identification.fit.prediction import INDEX, integration_of, vector_of
+from swingup.identification.identify import identify
 from swingup.identification.log.recording import read_recording
+from swingup.identification.results import TITLES
 from swingup.loop.domain import make_domain
 from swingup.plant.plant import load_plant
 
@@ -165,3 +168,27 @@ def test_the_plants_own_limit_counts():
     limits = [search._limits(each, joint, None, None, 3.0) for each in domains for joint in ("both", "elbow")]
     assert [each.torque for each in limits] == [(60.0, 60.0), (0.0, 60.0), (2.0, 2.0), (0.0, 2.0)]
     assert search._limits(domains[0], "both", 20.0, None, 3.0).torque == (20.0, 20.0)
+
+
+QUANTUM = 3.81e-4
+
+
+@pytest.mark.slow
+def test_an_excitation_lets_identify_find_a_plant_of_the_prior(tmp_path):
+    plant = load_plant("C.1")
+    prior = prior_around(plant)
+    excitation = search.excite(prior, duration=6.0, seed=1)
+    truth = draw_models(prior, 4, 123)[3:]
+    limits = np.array(excitation.limits.torque)
+    play = Sequences(excitation.torque[None], excitation.state[None], excitation.feedback, limits)
+    motion = simulate(integration_of(plant), truth, play, keep=True)
+    q = QUANTUM * np.round(motion.states[0, 0, :, :2] / QUANTUM)
+    columns = {"time": excitation.time, "pos_meas1": q[:, 0], "pos_meas2": q[:, 1]}
+    columns |= {f"tau_con{joint + 1}": motion.torque[0, 0, :, joint] for joint in (0, 1)}
+    write_columns(tmp_path / "log.csv", columns)
+    found = identify([tmp_path / "log.csv"]).estimates
+    truth[0, INDEX["A"]] -= truth[0, INDEX["B"]]  # results have what link 1 adds
+    for name in ("k", "m2r2", "A", "B", "cf1", "cf2"):
+        title, value = TITLES.get(name, name), truth[0, INDEX[name]]
+        assert found.values[title] == pytest.approx(value, rel=0.08)
+        assert found.determined[title]

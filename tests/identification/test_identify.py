@@ -33,9 +33,9 @@ EXPECTED = expected_of(TRUTH)
 
 @pytest.fixture(scope="module", autouse=True)
 def _small_programs():
-    """Few windows at a time, and few draws: logs of 4 s have 34 windows."""
+    """All windows of a log of 4 s at a time, and no more; and few draws."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(prediction, "CHUNK", 32)
+        patch.setattr(prediction, "CHUNK", 34)
         patch.setattr(bootstrap, "DRAWS", 100)
         yield
 

@@ -1,23 +1,13 @@
 """A model file read by this package beside MuJoCo's own reading of it."""
 
-import math
-
 import numpy as np
 
-from swingup.plant import equations
+from benchmark.independent import derivative
 from swingup.plant.model_files.files import read_model
 from swingup.plant.plant import make_plant
 
 ASKED = {"l2": 1.0, "tl1": 1.0, "tl2": 1.0}
 """What a file need not say, and no acceleration depends on."""
-
-
-def acceleration(plant, q, rates, torques):
-    """q̈ of a plant."""
-    sines = math.sin(q[0]), math.sin(q[1]), math.sin(q[0] + q[1])
-    friction = zip((plant.b1, plant.b2), (plant.cf1, plant.cf2), rates, strict=True)
-    losses = tuple(equations.friction(b, cf, rate, math.atan) for b, cf, rate in friction)
-    return np.array(equations.acceleration(equations.lump(plant), sines, math.cos(q[1]), rates, torques, losses))
 
 
 def largest_difference(mujoco, path, speed=4.0, slowest=0.0):
@@ -30,7 +20,7 @@ def largest_difference(mujoco, path, speed=4.0, slowest=0.0):
         slowest: least rate, above which dry friction is MuJoCo's.
     """
     found = read_model(path, "centre")
-    plant = make_plant(ASKED | found.facts, "the file")
+    plant = make_plant(ASKED | found.facts, "the file").values()
     model = mujoco.MjModel.from_xml_path(str(path))
     data, random, worst = mujoco.MjData(model), np.random.default_rng(0), 0.0
     signs, offsets = np.array(found.angles).T
@@ -40,6 +30,6 @@ def largest_difference(mujoco, path, speed=4.0, slowest=0.0):
         data.ctrl[:] = random.uniform(-1, 1, model.nu)
         mujoco.mj_forward(model, data)
         q, dq, u = offsets + signs * data.qpos, signs * data.qvel, signs * data.qfrc_actuator
-        error = acceleration(plant, q, dq, u) - signs * data.qacc
+        error = derivative(plant, np.concatenate([q, dq]), u)[2:] - signs * data.qacc
         worst = max(worst, np.max(np.abs(error) / (1 + np.abs(data.qacc))))
     return worst

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from benchmark.independent import rk4
 from swingup.plant import equations
 from swingup.plant.base_parameters import (
     BASE,
@@ -13,7 +14,6 @@ from swingup.plant.base_parameters import (
     base_covariance,
     base_parameters,
     feasible_fraction,
-    friction_of,
     geometry_of,
     lumped,
 )
@@ -27,24 +27,12 @@ RATIO = PLANT.m2 * PLANT.r2 / (PLANT.m1 * PLANT.r1 + PLANT.m2 * PLANT.l1)
 TORQUE = (1.3, -0.4)
 
 
-def slope(x, u):
-    """ẋ by the equations of motion."""
-    friction = friction_of(base_parameters(PLANT))
-    losses = tuple(equations.friction(b, cf, rate, math.atan) for b, cf, rate in zip(*friction, x[2:], strict=True))
-    sines = math.sin(x[0]), math.sin(x[1]), math.sin(x[0] + x[1])
-    found = equations.acceleration(equations.lump(PLANT), sines, math.cos(x[1]), (x[2], x[3]), u, losses)
-    return np.array([x[2], x[3], *found])
-
-
 def motion(times, u):
     """Angles at some times from a swinging start, with constant torques; RK4 in steps of 0.1 ms."""
     x, now, angles = np.array([0.7, -0.4, 3.0, -5.0]), 0.0, []
     for time in times:
         for _ in range(round((time - now) / 1e-4)):
-            k1 = slope(x, u)
-            k2 = slope(x + 5e-5 * k1, u)
-            k3 = slope(x + 5e-5 * k2, u)
-            x = x + 1e-4 / 6 * (k1 + 2 * k2 + 2 * k3 + slope(x + 1e-4 * k3, u))
+            x = rk4(PLANT.values(), x, np.array(u), 1e-4)
         now = time
         angles.append((x[0], x[1]))
     return angles

@@ -5,9 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from benchmark.independent import derivative
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.damped import Friction, damped_midpoint_step
-from swingup.plant.equations import acceleration, lump
+from swingup.plant.equations import lump
 from swingup.plant.maths import ARRAYS, NUMPY
 from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.plant.robots import get_robot
@@ -24,25 +25,15 @@ MINE = policy_plant(WIDE, ACROBOT)
 STATE, TORQUES = (0.4, -0.8, 3.0, -2.0), (1.0, -2.0)
 
 
-def rates_without_friction(plant, friction, x, u):
-    """ẋ with explicit friction, for a fine integration."""
-    b, cf = friction
-    losses = [b[i] * x[2 + i] + cf[i] * np.arctan(100 * x[2 + i]) for i in (0, 1)]
-    sines = np.sin(x[0]), np.sin(x[1]), np.sin(x[0] + x[1])
-    return np.array([*x[2:], *acceleration(plant, sines, np.cos(x[1]), x[2:], u, losses)])
-
-
 def test_the_damped_step_follows_the_equations():
     """Against 2,000 small steps: the error of one step of h falls with its square, where friction is smooth."""
-    plant, friction = lump(MINE), Friction((0.05, 0.02), (0.1, 0.1))
-    errors = []
+    rough = dataclasses.replace(MINE, b1=0.05, b2=0.02, cf1=0.1, cf2=0.1)
+    plant, u, errors = rough.values(), np.array(TORQUES), []
     for h in (0.008, 0.004):
         x, small = np.array(STATE), h / 2000
         for _ in range(2000):
-            k1 = rates_without_friction(plant, friction, x, TORQUES)
-            k2 = rates_without_friction(plant, friction, x + small / 2 * k1, TORQUES)
-            x = x + small * k2
-        found = damped_midpoint_step(plant, friction, STATE, TORQUES, h, ARRAYS)
+            x = x + small * derivative(plant, x + small / 2 * derivative(plant, x, u), u)
+        found = damped_midpoint_step(lump(rough), rough.friction, STATE, TORQUES, h, ARRAYS)
         errors.append(np.abs(np.array(found) - x).max())
     assert errors[0] < 4e-3
     assert errors[0] / errors[1] > 3.5
@@ -52,9 +43,9 @@ def test_without_friction_the_step_is_the_midpoint_rules():
     plant = lump(LEADERBOARD.driven(ACROBOT))
     found = damped_midpoint_step(plant, Friction((0.0, 0.0), (0.0, 0.0)), STATE, TORQUES, 0.01, ARRAYS)
     assert found == damped_midpoint_step(plant, None, STATE, TORQUES, 0.01, ARRAYS)
-    x, none = np.array(STATE), Friction((0.0, 0.0), (0.0, 0.0))
-    middle = x + 0.005 * rates_without_friction(plant, none, x, TORQUES)
-    np.testing.assert_allclose(found, x + 0.01 * rates_without_friction(plant, none, middle, TORQUES), rtol=1e-14)
+    x, u, values = np.array(STATE), np.array(TORQUES), LEADERBOARD.driven(ACROBOT).values()
+    middle = x + 0.005 * derivative(values, x, u)
+    np.testing.assert_allclose(found, x + 0.01 * derivative(values, middle, u), rtol=1e-12)
 
 
 def test_stiff_friction_brings_to_rest():

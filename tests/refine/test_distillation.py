@@ -22,6 +22,7 @@ from swingup.plant.base_parameters import base_parameters
 from swingup.plant.plant import LEADERBOARD, NAMES, Plant, load_plant
 from swingup.plant.robots import get_robot
 from swingup.plant.units import arm_scales, similar_plant
+from swingup.refine import teacher as teaching
 from swingup.refine.analytic_policy_gradient import single_precision
 from swingup.refine.dataset import STILL, Dataset, _hanging_still
 from swingup.refine.distillation import _behind_one_gear, _joined, distil, new_student
@@ -29,7 +30,7 @@ from swingup.refine.distillation_settings import DistillationSettings, plant_sca
 from swingup.refine.plant_draws import SWEEPS, PlantDraws, draw_plants
 from swingup.refine.recipe import wrapped_policy
 from swingup.refine.recoveries import make_recoveries
-from swingup.refine.teacher import APART, TOP_COST, School, make_school, make_teachers, matched_torque, taught
+from swingup.refine.teacher import APART, TOP_COST, School, make_school, make_teachers, matched_torque
 from swingup.tasks.observation import PendulumStage
 
 ACROBOT, PENDUBOT = get_robot("acrobot"), get_robot("pendubot")
@@ -37,6 +38,9 @@ FEW = DistillationSettings(
     draws=PlantDraws(1, 1, 1, 1), nominal=16, rounds=2, duration=0.4, thrown=0.0, steps=400, anywhere=300,
     score_steps=4, score_duration=0.1, recovery_episodes=0,
 )  # fmt: skip
+
+
+taught = eqx.filter_jit(teaching.taught)
 
 
 def plants_of(drawn):

@@ -54,20 +54,20 @@ def test_the_reward_by_hand(q1, q2, dense, sparse):
 
 def test_observation_start_and_end():
     task = AcrobotSwingup()
-    states = jax.vmap(task.reset)(jax.random.split(jax.random.key(0), 2000)).x
+    states = np.asarray(jax.jit(jax.vmap(task.reset))(jax.random.split(jax.random.key(0), 2000)).x)
     assert not states[:, 2:].any()
     # The deviation of a uniform angle is π / √3; 2,000 draws are within 3 %.
     np.testing.assert_allclose(states[:, :2].std(axis=0), math.pi / math.sqrt(3), rtol=0.03)
     x = jnp.array([math.pi + 0.1, 0.2, 3.0, 4.0])
     expected = [math.sin(0.1), math.sin(0.3), math.cos(0.1), math.cos(0.3), 3.0, 4.0]
     np.testing.assert_allclose(task.observe(PendulumState(x, jnp.array(0))), expected, rtol=1e-5)
-    last = task.step(PendulumState(x, jnp.array(999)), jnp.zeros(1), jax.random.key(0))
+    last = jax.jit(task.step)(PendulumState(x, jnp.array(999)), jnp.zeros(1), jax.random.key(0))
     assert last.truncated
     assert not last.terminated
 
 
 def test_practice_observes_and_acts_as_the_task():
-    starts = winnable_starts(jax.random.key(0), 500, 100, 0.5)
+    starts = np.asarray(winnable_starts(jax.random.key(0), 500, 100, 0.5))
     assert starts.shape[1] == 4
     assert 250 < len(starts) <= 500
     # Those of the shortest paths can be held, and are closer to upright than the others.
@@ -75,9 +75,10 @@ def test_practice_observes_and_acts_as_the_task():
     practice, task = AcrobotPractice(starts=starts, start_share=1.0), AcrobotSwingup()
     state = practice.reset(jax.random.key(1))
     assert np.any(np.all(starts == state.x, axis=1))
-    mine = practice.step(state, jnp.array([0]), jax.random.key(2))
-    step = task.step(state, jnp.array([-1.0]), jax.random.key(2))
-    np.testing.assert_array_equal(mine.state.x, step.state.x)
-    np.testing.assert_array_equal(mine.observation[:6], step.observation)
-    assert mine.observation[6] == pytest.approx(math.asinh(1000 * step.observation[0]), rel=1e-5)
-    np.testing.assert_allclose(magnified(np.asarray(step.observation)), mine.observation, rtol=1e-6)
+    mine = practice.step(state, np.array([0]), jax.random.key(2))
+    step = jax.jit(task.step)(state, np.array([-1.0], np.float32), jax.random.key(2))
+    np.testing.assert_allclose(mine.state.x, step.state.x, rtol=1e-6)
+    seen = np.asarray(step.observation)
+    np.testing.assert_allclose(mine.observation[:6], seen, rtol=1e-5)
+    assert mine.observation[6] == pytest.approx(math.asinh(1000 * seen[0]), rel=1e-5)
+    np.testing.assert_allclose(magnified(seen), mine.observation, rtol=1e-5)

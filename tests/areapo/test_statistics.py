@@ -1,4 +1,4 @@
-"""Reward scaling: its moments, and that the size of the reward does not matter."""
+"""Running statistics: observations and rewards of any size and place are scaled alike."""
 
 import dataclasses
 
@@ -14,10 +14,12 @@ from swingup.areapo.networks import Critic, Linear
 from swingup.areapo.reward_scale import deviation, fading_sums, reward_unit, scale_rewards
 from swingup.areapo.state import Rollout
 from swingup.areapo.statistics import RunningStatistics, running_statistics
+from swingup.tasks.observation import NormaliseStage
 
 from .probes import Walk
 
 update = jax.jit(RunningStatistics.update)
+init, scale = jax.jit(algorithm.init), jax.jit(scale_rewards)
 
 
 def test_the_deviation_is_that_of_all_rewards_that_count():
@@ -45,29 +47,28 @@ def test_the_unit_of_constant_rewards_is_their_size(reward):
 
 def test_the_unit_is_the_deviation_of_fading_sums():
     """λ = 0.5: 1, 1 + 0.5 and, after a reset, -1 and -1 - 0.5; their deviation is √(6.5 / 4), that of a step 1."""
-    config = Config(num_envs=1, num_steps=4, batch_size=4, gae_lambda=(0.5, 0.5), normalise_rewards=True)
-    state = algorithm.init(
-        jax.random.key(0), Walk(), dataclasses.replace(config, policy_layers=(2,), value_layers=(2,))
-    )
-    nothing, ends = jnp.zeros((4, 1)), jnp.array([[False], [True], [False], [False]])
-    rollout = Rollout(*[nothing] * 3, jnp.array([[5.0], [5.0], [3.0], [3.0]]), nothing, ends, ends)
-    np.testing.assert_allclose(fading_sums(rollout, config).ravel(), [1.0, 1.5, -1.0, -1.5])
-    assert float(reward_unit(scale_rewards(state, rollout, config)[0])) == pytest.approx((6.5 / 4) ** 0.5)
+    config = Config(
+        num_envs=1, num_steps=4, batch_size=4, gae_lambda=(0.5, 0.5), normalise_rewards=True, policy_layers=(2,),
+        value_layers=(2,),
+    )  # fmt: skip
+    state = init(jax.random.key(0), Walk(), config)
+    nothing, ends = np.zeros((4, 1), np.float32), np.array([[False], [True], [False], [False]])
+    rollout = Rollout(*[nothing] * 3, np.float32([[5.0], [5.0], [3.0], [3.0]]), nothing, ends, ends)
+    np.testing.assert_allclose(jax.jit(fading_sums)(rollout, config).ravel(), [1.0, 1.5, -1.0, -1.5])
+    assert float(reward_unit(scale(state, rollout, config)[0])) == pytest.approx((6.5 / 4) ** 0.5)
 
 
 def test_without_gains_rewards_are_centred_and_an_end_has_the_value_of_nothing():
     """Two rollouts of one frame each, γ = 0.5; 1 / (1 - γ) = 2."""
     config = Config(
         num_envs=1, num_steps=2, batch_size=2, gain="none", terminations="end", discount=(0.5, 0.5),
-        normalise_rewards=True,
+        normalise_rewards=True, policy_layers=(2,), value_layers=(2,),
     )  # fmt: skip
-    state = algorithm.init(
-        jax.random.key(0), Walk(), dataclasses.replace(config, policy_layers=(2,), value_layers=(2,))
-    )
-    nothing, ends = jnp.zeros((2, 1)), jnp.array([[False], [True]])
+    state = init(jax.random.key(0), Walk(), config)
+    nothing, ends = np.zeros((2, 1), np.float32), np.array([[False], [True]])
 
     def scaled(state, rewards):
-        return scale_rewards(state, Rollout(*[nothing] * 3, jnp.array(rewards), nothing, ends, ends), config)
+        return scale(state, Rollout(*[nothing] * 3, np.float32(rewards), nothing, ends, ends), config)
 
     # Mean 3 and deviation 1: -1 and 1, and the end is 3 · 0.5 · 2 = 3 deviations worse than to go on for ever.
     state, rollout = scaled(state, [[2.0], [4.0]])
@@ -75,13 +76,13 @@ def test_without_gains_rewards_are_centred_and_an_end_has_the_value_of_nothing()
     # All four: mean 5, deviation √5. A centred value loses (5 - 3) · 2 / √5.
     after, rollout = scaled(state, [[6.0], [8.0]])
     np.testing.assert_allclose(rollout.rewards, np.array([[1.0], [3.0 - 5.0]]) / 5**0.5, rtol=1e-6)
-    before = state.critic.heads.bias / jnp.array([5**0.5, 1.0])
+    before = np.asarray(state.critic.heads.bias) / [5**0.5, 1.0]
     np.testing.assert_allclose(after.critic.heads.bias, before - np.array([4 / 5**0.5, 0.0]), rtol=1e-6)
 
 
 def test_a_critic_keeps_its_values_in_other_units():
-    heads = Linear(jnp.arange(1.0, 7.0).reshape(2, 3), jnp.array([0.5, -0.5]))
-    kept = Critic((), heads).with_values(jnp.array([4.0, 1.0]), jnp.array([0.0, 2.0])).heads
+    heads = Linear(np.arange(1.0, 7.0).reshape(2, 3), np.array([0.5, -0.5]))
+    kept = Critic((), heads).with_values(np.array([4.0, 1.0]), np.array([0.0, 2.0])).heads
     np.testing.assert_allclose(kept.weight, heads.weight * np.array([[4.0], [1.0]]))
     np.testing.assert_allclose(kept.bias, [2.0, -2.5])
 
@@ -103,8 +104,7 @@ def test_the_unit_of_the_reward_does_not_matter():
         num_envs=4, num_steps=16, num_epochs=2, batch_size=32, policy_layers=(8,), value_layers=(8,),
         temperature=0.1, centre_values=True, normalise_rewards=True,
     )  # fmt: skip
-    init, advance = jax.jit(algorithm.init), jax.jit(algorithm.train)
-    found = []
+    advance, found = jax.jit(algorithm.train), []
     for factor in (1.0, 1024.0):
         task = Paid(size=jnp.array(factor))
         mine = dataclasses.replace(config, reset_cost=2.0 * factor)
@@ -116,3 +116,33 @@ def test_the_unit_of_the_reward_does_not_matter():
         assert float(getattr(large, name)) == 1024 * float(getattr(small, name)) != 0
     assert float(small.entropy) == float(large.entropy)
     assert float(deviation(one.reward_statistics)) > 0.5
+
+
+def test_statistics_equal_those_of_all_data_at_once():
+    data = np.random.default_rng(0).normal(3.0, [0.1, 1.0, 10.0], size=(50, 8, 3))
+    with jax.enable_x64(True):
+        statistics, update = running_statistics(3), jax.jit(RunningStatistics.update)
+        for batch in data:
+            statistics = update(statistics, batch)
+        everything = data.reshape(-1, 3)
+        np.testing.assert_allclose(statistics.mean, everything.mean(axis=0), rtol=1e-12)
+        np.testing.assert_allclose(statistics.variance, everything.var(axis=0), rtol=1e-12)
+        assert statistics.count == 400.0
+
+
+@pytest.mark.parametrize(("size", "place"), [(1e-6, 0.0), (1e6, 0.0), (1.0, 1e6), (0.0, 0.1)])
+def test_observations_of_any_size_and_place_are_normalised(size, place):
+    """In single precision, which has steps of 0.06 near 1e6; constant ones become 0."""
+    plain = np.random.default_rng(0).normal(size=(2000, 4, 1))
+    statistics, update = running_statistics(1), jax.jit(RunningStatistics.update)
+    for batch in plain:
+        statistics = update(statistics, (place + size * batch).astype(np.float32))
+    found = statistics.stage()((place + size * plain[-1]).astype(np.float32))
+    expected = (plain[-1] - plain.mean()) / plain.std()
+    np.testing.assert_allclose(found, expected if size else 0.0, atol=0.1 if place else 1e-3)
+
+
+def test_normalising_by_hand():
+    stage = NormaliseStage(mean=jnp.array([1.0, 0.0]), variance=jnp.array([4.0, 1e-12]))
+    # (5 - 1) / 2 = 2, and 1 / sqrt(1e-12 + 1e-8) = 9999.5 is clipped to 10.
+    np.testing.assert_allclose(stage(jnp.array([5.0, 1.0])), [2.0, 10.0], rtol=1e-6)

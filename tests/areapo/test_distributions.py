@@ -1,0 +1,132 @@
+"""Distributions of actions, in choices and in numbers: probabilities, samples, policies and their files."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from array_files import change_file
+from policies import load_any_policy
+from refusals import refusal
+from swingup.areapo import initial
+from swingup.areapo.initial import init_actor
+from swingup.areapo.networks import Categoricals, SquashedGaussian
+from swingup.controllers.stack.policy import Policy, save_policy
+from swingup.tasks.observation import NormaliseStage
+
+# Probabilities 0.2, 0.3, 0.5 of the first action and 0.9, 0.1 of the second; logits are free up to a constant.
+PAIR = Categoricals(np.float32([*(np.log([0.2, 0.3, 0.5]) + 4.0), *(np.log([0.9, 0.1]) - 2.0)]), (3, 2))
+init_categorical_actor = jax.jit(initial.init_categorical_actor, static_argnums=(1, 2, 3))
+log_prob = jax.jit(lambda distribution, action: distribution.log_prob(action))
+mode = jax.jit(Categoricals.mode)
+
+
+def test_log_prob_by_hand():
+    # P(2, 0) = 0.5 · 0.9
+    assert log_prob(PAIR, np.array([2, 0])) == pytest.approx(np.log(0.45), rel=1e-5)
+    assert log_prob(PAIR, np.array([0, 1])) == pytest.approx(np.log(0.02), rel=1e-5)
+    assert sum(np.exp(log_prob(PAIR, np.array(pair))) for pair in np.ndindex(3, 2)) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_samples_follow_the_probabilities():
+    actor = init_categorical_actor(jax.random.key(1), 3, PAIR.choices, (8,))
+    draw = jax.jit(lambda key: jax.vmap(PAIR.sample, 1)(actor.noise(key, (100_000,))))
+    drawn = np.asarray(draw(jax.random.key(0)))
+    # Standard deviation of a share: at most 0.5 / sqrt(100,000) = 0.0016.
+    np.testing.assert_allclose(np.bincount(drawn[:, 0]) / 1e5, [0.2, 0.3, 0.5], atol=0.007)
+    np.testing.assert_allclose(np.bincount(drawn[:, 1]) / 1e5, [0.9, 0.1], atol=0.007)
+    # The actions are drawn apart: P(2, 1) = 0.5 · 0.1.
+    assert np.mean((drawn == [2, 1]).all(axis=1)) == pytest.approx(0.05, abs=0.005)
+
+
+def test_batch_axes_come_last():
+    random = np.random.default_rng(1)
+    logits, drawn = random.normal(size=(5, 7)).astype(np.float32), random.integers(0, 2, (2, 7))
+    together = Categoricals(logits, (3, 2))
+    log_probs, modes = np.asarray(log_prob(together, drawn)), np.asarray(mode(together))
+    for column in range(7):
+        alone = Categoricals(logits[:, column], (3, 2))
+        np.testing.assert_allclose(log_probs[column], log_prob(alone, drawn[:, column]), rtol=1e-5)
+        np.testing.assert_array_equal(modes[:, column], mode(alone))
+
+
+def test_a_new_policy_is_next_to_uniform():
+    actor = init_categorical_actor(jax.random.key(0), 3, (3, 2), (32, 32))
+    observations = np.random.default_rng(1).normal(size=(3, 20)).astype(np.float32)
+    log_probs = jax.jit(lambda actor, pair: actor(observations).log_prob(jnp.tile(pair[:, None], 20)))
+    for pair in np.ndindex(3, 2):
+        np.testing.assert_allclose(np.exp(log_probs(actor, np.array(pair))), 1 / 6, atol=0.007)
+
+
+def test_the_policy_file_keeps_the_policy_and_its_choices(tmp_path):
+    actor = init_categorical_actor(jax.random.key(0), 4, (3, 2), (8,))
+    actor = jax.tree.map(
+        lambda leaf: np.asarray(leaf) + np.float32(np.sin(np.arange(leaf.size))).reshape(leaf.shape), actor
+    )
+    policy = Policy((NormaliseStage(np.linspace(-1, 1, 4), np.linspace(0.5, 2, 4)),), actor)
+    save_policy(tmp_path / "p.safetensors", policy, {"env": "Task-v0"})
+    loaded, metadata = load_any_policy(tmp_path / "p.safetensors")
+    assert (metadata["choices"], metadata["env"]) == ([3, 2], "Task-v0")
+    for observation in np.random.default_rng(0).normal(size=(20, 4)):
+        np.testing.assert_array_equal(loaded(observation), policy(observation))
+    for choices in ([3, 3], [], [3.5], "32"):
+        change_file(tmp_path / "p.safetensors", {"choices": choices})
+        refusal(load_any_policy, tmp_path / "p.safetensors")
+
+
+def density(distribution, actions):
+    """π(a) at actions in (-1, 1), through the samples before tanh."""
+    return np.exp(log_probs(distribution, np.arctanh(actions)))
+
+
+@jax.jit
+def log_probs(distribution, z):
+    """At samples z (n,) of one action before tanh."""
+    return jax.vmap(lambda z: distribution.log_prob(z[None]))(z)
+
+
+@pytest.mark.parametrize(("mean", "log_std"), [(0.0, -1.0), (0.7, -2.0), (-1.2, 0.3), (0.0, 1.0)])
+def test_density_integrates_to_one(mean, log_std):
+    with jax.enable_x64(True):
+        distribution = SquashedGaussian(np.array([mean]), np.array([log_std]))
+        # With a = tanh(z) the integral over [-1, 1] is one over z, which a plain sum resolves.
+        z = np.linspace(-40.0, 40.0, 400_001)
+        integral = np.sum(np.exp(log_probs(distribution, z)) / np.cosh(z) ** 2) * (z[1] - z[0])
+        assert integral == pytest.approx(1.0, abs=1e-9)
+
+
+def test_entries_are_independent():
+    distribution = SquashedGaussian(np.float32([0.3, -0.5]), np.float32([-1.0, 0.2]))
+    z = np.float32([0.1, 0.4])
+    parts = [SquashedGaussian(distribution.mean[i : i + 1], distribution.log_std[i : i + 1]) for i in (0, 1)]
+    total = sum(float(log_prob(part, z[i : i + 1])) for i, part in enumerate(parts))
+    assert log_prob(distribution, z) == pytest.approx(total, rel=1e-6)
+
+
+def test_log_prob_of_numbers_by_hand():
+    # Standard normal at z = 0: log N = -log sqrt(2π); tanh has slope 1 there.
+    distribution = SquashedGaussian(np.zeros(1, np.float32), np.zeros(1, np.float32))
+    assert log_prob(distribution, np.float32([0])) == pytest.approx(-0.5 * np.log(2 * np.pi), rel=1e-6)
+    # At z = 1 log N falls by 1/2 and the slope is 1 - tanh(1)².
+    expected = -0.5 * np.log(2 * np.pi) - 0.5 - np.log(1 - np.tanh(1.0) ** 2)
+    assert log_prob(distribution, np.float32([1])) == pytest.approx(expected, rel=1e-6)
+    # 1 - tanh(z)² → 4 e^(-2z) far out, where tanh(z) rounds to 1 in float32.
+    distribution = SquashedGaussian(np.float32([15.0]), np.zeros(1, np.float32))
+    expected = -0.5 * np.log(2 * np.pi) - (np.log(4.0) - 2 * 15.0)
+    assert log_prob(distribution, np.float32([15])) == pytest.approx(expected, rel=1e-6)
+
+
+def test_samples_follow_the_density():
+    distribution = SquashedGaussian(np.float32([0.4]), np.float32([-0.5]))
+
+    @jax.jit
+    def draw(key):
+        noise = init_actor(key, 4, 1, (8,), -1.0).noise(key, (200_000,))
+        return distribution.action(jax.vmap(distribution.sample, 1, 1)(noise))[0]
+
+    actions = np.asarray(draw(jax.random.key(0)))
+    counts, edges = np.histogram(actions, bins=20, range=(-1, 1), density=True)
+    centres = 0.5 * (edges[1:] + edges[:-1])
+    # The density bends little within a bin but for the outermost ones.
+    np.testing.assert_allclose(counts[2:-2], density(distribution, centres)[2:-2], atol=0.03)
+    assert np.all(np.abs(actions) <= 1.0)
