@@ -31,16 +31,8 @@ from swingup.policy.shipped import shipped_file
 from swingup.report import make
 
 ROOT = Path(swingup.__file__).parents[2]
-PAGES = [
-    ROOT / name
-    for name in (
-        "README.md",
-        "CONTRIBUTING.md",
-        "benchmarks/README.md",
-        "lab/authors.md",
-        "src/swingup/zoo/README.md",
-    )
-] + sorted((ROOT / "docs").glob("*.md"))
+OTHERS = "README.md", "CONTRIBUTING.md", "benchmarks/README.md", "lab/authors.md", "src/swingup/zoo/README.md"
+PAGES = [*map(ROOT.joinpath, OTHERS), *sorted((ROOT / "docs").glob("*.md"))]
 NOTEBOOK = ROOT / "examples" / "08_first_steps.ipynb"
 
 pytestmark = pytest.mark.skipif(not (ROOT / "docs").is_dir(), reason="the pages are only in a checkout")

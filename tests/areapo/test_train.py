@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 
 from swingup.areapo import algorithm
 from swingup.areapo.algorithm import loss
-from swingup.areapo.config import Config, config_from_dict
+from swingup.areapo.config import Config
 from swingup.areapo.initial import init_learner, std_share
 from swingup.areapo.optimisation import adapted_step
 from swingup.areapo.terminations import BOOTSTRAP_SIZE, charge_resets
@@ -260,13 +259,6 @@ def test_table_one():
     assert (paper.log_std_init, paper.max_grad_norm) == (-1.0, 10.0)
     assert (paper.num_envs, paper.num_steps, paper.num_epochs, paper.batch_size) == (64, 128, 6, 1024)
     assert (paper.policy_layers, paper.value_layers) == ((256, 256), (512, 512))
-
-
-def test_config_survives_json():
-    config = Config(policy_layers=(7, 8), temperature=0.5)
-    values = dataclasses.asdict(config)
-    values["policy_layers"] = list(values["policy_layers"])
-    assert eqx.tree_equal(config_from_dict(values), config)
 
 
 def test_truncations_and_resets_have_their_distributions(resetting):

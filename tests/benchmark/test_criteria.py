@@ -178,12 +178,9 @@ def test_published_criteria_give_the_published_scores(row):
     assert worst - 0.0005 <= float(score) <= best + 0.0005
 
 
-def test_score_of_nothing_and_of_everything():
+def test_score_of_nothing_of_everything_and_of_one_criterion_with_its_own_normaliser():
     assert realai_score(dict.fromkeys(NAMES, 0.0), V2.normalisers) == 1.0
     assert realai_score(dict.fromkeys(NAMES, 1e9), V2.normalisers) == pytest.approx(0.0, abs=1e-12)
-
-
-def test_each_criterion_has_its_own_normaliser():
     # One criterion at its normaliser's value costs tanh(π) / 5 alone.
     normalisers = Normalisers(2.0, 3.0, 5.0, 7.0, 11.0)
     for name, value in zip(NAMES, (2.0, 3.0, 5.0, 7.0, 11.0), strict=True):
@@ -191,23 +188,14 @@ def test_each_criterion_has_its_own_normaliser():
         assert score == pytest.approx(1 - math.tanh(math.pi) / 5)
 
 
-def test_rules_are_the_published_ones():
+def test_rules_are_the_published_ones(robot):
+    """With pushes the acrobot's normalisers differ from the calm ones, in the torque's cost and smoothness."""
     assert BOARDS["performance"].normalisers == Normalisers(20.0, 60.0, 20.0, 0.1, 400.0)
-    assert BOARDS["hardware"].normalisers == Normalisers(20.0, 60.0, 100.0, 4.0, 400.0)
     assert (V2.duration, V2.dt, V2.height, V2.steps) == (10.0, 0.002, 0.9, 5000)
-
-
-def test_normalisers_of_runs_with_pushes_differ_by_robot(robot):
-    """Both boards of the real robot: the acrobot's alone differ, in the torque's cost and smoothness."""
     pushed, calm = (BOARDS[name].on(Setting(robot, LEADERBOARD)) for name in ("hardware-perturbed", "hardware"))
-    assert (
-        pushed.normalisers
-        == {
-            "acrobot": Normalisers(20.0, 60.0, 20.0, 1.0, 400.0),
-            "pendubot": Normalisers(20.0, 60.0, 100.0, 4.0, 400.0),
-        }[robot.name]
-    )
     assert calm.normalisers == Normalisers(20.0, 60.0, 100.0, 4.0, 400.0)
+    acrobots = Normalisers(20.0, 60.0, 20.0, 1.0, 400.0)
+    assert pushed.normalisers == (acrobots if robot.name == "acrobot" else calm.normalisers)
 
 
 @pytest.mark.parametrize(("name", "torque", "smooth"), [("acrobot", 20, 1.0), ("pendubot", 100, 4.0)])

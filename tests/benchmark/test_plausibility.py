@@ -92,26 +92,19 @@ def test_angles_may_be_wrapped_or_full_turns_away(honest):
 
 
 @pytest.mark.parametrize("factor", [0.0, 0.5, -1.0, 2.0])
-def test_other_torques_than_those_that_acted(honest, factor):
+def test_other_torques_or_velocities_than_those_that_acted(honest, factor):
     # Half of the torque leaves 1.5 N m unexplained: with M⁻¹ of about 20 per kg m², 3 rad/s in 0.1 s.
     assert "one_step_defect" in names(dataclasses.replace(honest, u=factor * honest.u))
-
-
-@pytest.mark.parametrize("factor", [0.0, 0.5, -1.0])
-def test_other_velocities_than_those_of_the_positions(honest, factor):
     x = honest.x * [1, 1, factor, factor]
     assert "positions_against_velocities" in names(dataclasses.replace(honest, x=x))
 
 
-def test_a_jump_is_as_long_as_it_is(honest):
+def test_a_jump_and_a_defect_are_as_large_as_they_are(honest):
     x = honest.x.copy()
     x[2500:, 0] += 0.5  # once, by half a radian
     found = look(dataclasses.replace(honest, x=x))
     slip = next(each for each in found if each.name == "positions_against_velocities")
     assert slip.text.startswith("its positions move by 0.5 rad within 0.1 s")
-
-
-def test_a_defect_is_as_large_as_it_is(honest):
     x = honest.x.copy()
     x[-1, 2] += 2.0  # nothing follows that it could have moved
     found = look(dataclasses.replace(honest, x=x))

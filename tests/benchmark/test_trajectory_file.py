@@ -75,21 +75,23 @@ def test_file_is_replaced_whole_or_not_at_all(tmp_path):
         f"#{HEADER}",
         f"\ufeff{HEADER}",
         f"\n{HEADER}",
+        *(HEADER.replace("time", title) for title in ("time[]", "time[ S ]", "time (sec)")),
     ],
 )
 def test_headers_that_are_understood(tmp_path, header):
     assert_table(load_trajectory(write(tmp_path, header, *ROWS, "")), TABLE)
-
-
-def test_spaces_line_ends_and_blank_lines(tmp_path):
-    text = "\r\n".join([HEADER, *(row.replace(",", " ,  ") for row in ROWS), "", " "])
-    assert_table(load_trajectory(write(tmp_path, text)), TABLE)
+    # With spaces, line ends and blank lines.
+    spaced = "\r\n".join([header, *(row.replace(",", " ,  ") for row in ROWS), "", " "])
+    assert_table(load_trajectory(write(tmp_path, spaced)), TABLE)
 
 
 def test_columns_are_found_by_name_and_others_ignored(tmp_path):
     header = "K11,tau_con2,vel_meas1,time,pos_meas2,note,pos_meas1,vel_meas2,tau_con1,"
     rows = [f"nan,{r[6]},{r[3]},{r[0]},{r[2]},none,{r[1]},{r[4]},{r[5]}," for r in TABLE]
     assert_table(load_trajectory(write(tmp_path, header, *rows)), TABLE)
+    # They may come twice.
+    path = write(tmp_path, f"{HEADER},K,K,pos1[deg]", *(f"{row},9,9,9" for row in ROWS))
+    assert_table(load_trajectory(path), TABLE)
 
 
 def test_measured_and_commanded_columns_win_group_by_group(tmp_path):
@@ -210,32 +212,17 @@ def test_rows_and_titles_that_are_refused(tmp_path, named):
         assert named in told(write(tmp_path, *lines))
 
 
-def test_columns_that_are_not_read_may_come_twice(tmp_path):
-    path = write(tmp_path, f"{HEADER},K,K,pos1[deg]", *(f"{row},9,9,9" for row in ROWS))
-    assert_table(load_trajectory(path), TABLE)
-
-
 @pytest.mark.parametrize(
     ("title", "factor"),
     [
-        ("time[ms]", 1e-3),
-        ("pos_meas1[deg]", np.pi / 180),
-        ("pos_meas2 (°)", np.pi / 180),
-        ("vel_meas1 [rpm]", np.pi / 30),
-        ("tau_con1[Nmm]", 1e-3),
-        ("tau_con2[mN m", 1e-3),
-        ("tau_con1[oz-in]", 0.00706155),
-        ("tau_con2 (kgf·cm)", 0.0980665),
+        ("time[ms]", 1e-3), ("pos_meas1[deg]", np.pi / 180), ("pos_meas2 (°)", np.pi / 180),
+        ("vel_meas1 [rpm]", np.pi / 30), ("tau_con1[Nmm]", 1e-3), ("tau_con2[mN m", 1e-3),
+        ("tau_con1[oz-in]", 0.00706155), ("tau_con2 (kgf·cm)", 0.0980665),
     ],
-)
+)  # fmt: skip
 def test_units_of_a_title_are_converted(tmp_path, title, factor):
     place = HEADER.split(",").index(title.split("[")[0].split("(")[0].strip())
     path = write(tmp_path, HEADER.replace(HEADER.split(",")[place], title), *ROWS)
     found = load_trajectory(path)
     table = TABLE * np.where(np.arange(7) == place, factor, 1.0)
     np.testing.assert_allclose(np.column_stack([found.time, found.x, found.u]), table, rtol=1e-15)
-
-
-@pytest.mark.parametrize("title", ["time[]", "time[ S ]", "time (sec)"])
-def test_other_spellings_of_a_unit_are_understood(tmp_path, title):
-    assert_table(load_trajectory(write(tmp_path, HEADER.replace("time", title), *ROWS)), TABLE)

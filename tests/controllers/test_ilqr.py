@@ -28,13 +28,9 @@ X0 = RANDOM.normal(size=4)
 WEIGHTS = np.array([1.0, 0.5, 2.0, 0.1]), 0.3, np.array([5.0, 4.0, 3.0, 2.0])
 TARGETS = RANDOM.normal(size=(N, 4)), RANDOM.normal(size=N), RANDOM.normal(size=4)
 PLAIN = ILQRSettings(
-    max_iterations=50,
-    tolerance=1e-9,
-    regularisation=0.0,
-    min_regularisation=0.0,
-    max_regularisation=1e6,
+    max_iterations=50, tolerance=1e-9, regularisation=0.0, min_regularisation=0.0, max_regularisation=1e6,
     torque_limit=np.inf,
-)
+)  # fmt: skip
 
 
 class Linear(AbstractTransition):

@@ -60,9 +60,7 @@ def test_all_four_have_to_be_near(x64, controller):
     for error in np.diag(1.01 * THRESHOLD):
         assert torques(controller, [UP + error, UP - error])[0] == [1.0, 1.0]
         assert torques(controller, [UP + 0.98 * error])[0] == [2.0]
-
-
-def test_the_threshold_is_strict(x64, controller):
+    # The threshold is strict.
     assert torques(controller, [UP + np.array([0, 0, 1.0, 0])])[0] == [1.0]
     assert torques(controller, [UP + np.array([0, 0, np.nextafter(1.0, 0.0), 0])])[0] == [2.0]
 

@@ -127,12 +127,6 @@ def test_gradient_through_many_steps_agrees_with_differences():
     assert float(jax.jit(jax.grad(last_angle))(0.7)) == pytest.approx(float(difference), rel=1e-7)
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_steps_keep_the_dtype_of_the_state(dtype):
-    x, u = jnp.zeros(4, dtype), jnp.zeros(2, dtype)
-    assert jax.eval_shape(lambda x, u: rk4_step(load_plant("C.1"), x, u, 0.01), x, u).dtype == dtype
-
-
 def small_link():
     """Two rods of 5 cm and 0.1 kg, with I = m l²/3, and the friction of small motors: λ dt is 5.2 at 2 ms."""
     rods = {"m1": 0.1, "m2": 0.1, "l1": 0.05, "l2": 0.05, "r1": 0.025, "r2": 0.025, "I1": 8.33e-5, "I2": 8.33e-5}

@@ -56,16 +56,9 @@ def import_model(path):
 
 
 COLUMNS = [
-    "q2=q2-q1",
-    "u1=0",
-    "q1=q1+pi:deg",
-    "q1=2:counts/1000",
-    "time=t:ms",
-    "u1=u2:A*0.7",
-    "q1=-#3",
-    "dq1=pi",
+    "q2=q2-q1", "u1=0", "q1=q1+pi:deg", "q1=2:counts/1000", "time=t:ms", "u1=u2:A*0.7", "q1=-#3", "dq1=pi",
     "q1:",
-]
+]  # fmt: skip
 """Words that map columns, good ones and others."""
 LOGS = [
     *(partial(read_recording, columns=COLUMNS[k : k + 2]) for k in range(0, len(COLUMNS), 2)),

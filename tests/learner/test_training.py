@@ -28,16 +28,8 @@ def test_the_default_preset_learns_to_swing_up(tmp_path):
 @pytest.mark.slow
 def test_the_small_preset_learns_on_a_pendulum_of_another_size(tmp_path):
     """A million frames, about ten seconds of one core; on this plant seed 0 held after 0.6 million."""
-    settings = RunSettings(
-        "pendubot",
-        "small",
-        0,
-        1,
-        65_536,
-        1_048_576,
-        get_preset("small").config,
-        plant=load_plant("cloudpendulum").frictionless(),
-    )
+    plant, config = load_plant("cloudpendulum").frictionless(), get_preset("small").config
+    settings = RunSettings("pendubot", "small", 0, 1, 65_536, 1_048_576, config, plant=plant)
     run = start_run(settings, tmp_path / "run", 1_500_000)
     times = [report.rows[0]["swingup_time"] for report in run.advance()]
     # Up by then, and to the end after 10 s: it does not just spin.

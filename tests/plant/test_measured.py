@@ -33,18 +33,8 @@ def test_a_measured_centre_is_that_of_a_rod_with_a_mass_at_one_end(centre, inert
 
 
 def test_inertias_by_name_and_a_motor_with_its_gear():
-    given = {
-        "m1": 0.5,
-        "m2": 0.6,
-        "l1": 0.2,
-        "l2": 0.3,
-        "r1": 0.1,
-        "Ic1": 0.002,
-        "I2": 0.02,
-        "motor": 0.5,
-        "gr": 6.0,
-    }
-    plant = measured_plant(values=given).plant
+    given = {name: value for name, value in ROD.items() if name != "tl2"}
+    plant = measured_plant(values=given | {"r1": 0.1, "Ic1": 0.002, "I2": 0.02, "motor": 0.5, "gr": 6.0}).plant
     assert (plant.I1, plant.I2, plant.tl1, plant.tl2) == (pytest.approx(0.002 + 0.5 * 0.1**2), 0.02, 3.0, 3.0)
 
 

@@ -163,18 +163,9 @@ def found(tmp_path_factory):
         for name, row in {"fitted": fitted, "start": start}.items()
     }
     return Identification(
-        C1,
-        estimates,
-        errors,
-        {},
-        ("one <note>",),
-        "heavy",
-        setting,
-        [recording],
-        fitted[None],
-        start[None],
+        C1, estimates, errors, {}, ("one <note>",), "heavy", setting, [recording], fitted[None], start[None],
         windows,
-    )
+    )  # fmt: skip
 
 
 def test_the_page_has_parameters_errors_windows_residuals_and_friction(found):

@@ -42,20 +42,8 @@ def curve(seed=0, offset=0.0):
     ]
 
 
-def plot_trajectories(*arguments):
-    return draw(figures.trajectory_figure(*arguments))
-
-
-def plot_phase(*arguments):
-    return draw(figures.phase_figure(*arguments))
-
-
-def plot_robustness(results):
-    return draw(figures.robustness_figure(results))
-
-
-def plot_curves(runs):
-    return draw(figures.curves_figure(runs))
+def plotted(kind, *given):
+    return draw(getattr(figures, f"{kind}_figure")(*given))
 
 
 def plot(kind, files, out, **options):
@@ -80,7 +68,7 @@ def assert_data(line, across, up):
 
 def test_time_series_show_the_columns_of_every_trajectory():
     given = {"clean": swing(), "noisy": swing(turns=1.5)}
-    axes = np.array(plot_trajectories(given, "acrobot").axes).reshape(3, 2)
+    axes = np.array(plotted("trajectory", given, "acrobot").axes).reshape(3, 2)
     for column, (name, trajectory) in enumerate(given.items()):
         positions, velocities, torques = (lines(each) for each in axes[:, column])
         for joint in (0, 1):
@@ -96,7 +84,7 @@ def test_time_series_show_the_columns_of_every_trajectory():
 def test_time_series_mark_goal_limit_and_swing_up_time():
     both = swing()
     both.u[:, 0] = 0.1
-    (positions, velocities, torques) = plot_trajectories({"run": both}, "acrobot").axes
+    (positions, velocities, torques) = plotted("trajectory", {"run": both}, "acrobot").axes
     goal = [line.get_ydata()[0] for line in positions.get_lines() if line.get_label() == "goal"]
     assert goal == [math.pi, 0.0]
     limits = [line.get_ydata()[0] for line in torques.get_lines() if line.get_label() == "limit"]
@@ -109,7 +97,7 @@ def test_time_series_mark_goal_limit_and_swing_up_time():
         (mark,) = [line for line in axes.get_lines() if line.get_label() == "up"]
         assert mark.get_xdata()[0] == pytest.approx(up)
     assert positions.get_title() == f"run, up at {up:.2f} s"
-    never = plot_trajectories({"run": swing(turns=0.25)}, "acrobot")
+    never = plotted("trajectory", {"run": swing(turns=0.25)}, "acrobot")
     assert never.axes[0].get_title() == "run"
 
 
@@ -132,7 +120,7 @@ def test_goal_is_the_upright_angle_nearest_to_the_end():
 
 def test_phase_portraits_show_each_joint_from_start_to_goal():
     given = {"one": swing(joint=0), "other": swing(turns=-0.5, joint=0)}
-    figure = plot_phase(given, "pendubot")
+    figure = plotted("phase", given, "pendubot")
     for joint, axes in enumerate(figure.axes):
         for name, trajectory in given.items():
             assert_data(lines(axes)[name], trajectory.x[:, joint], trajectory.x[:, 2 + joint])
@@ -148,7 +136,7 @@ def test_phase_portraits_show_each_joint_from_start_to_goal():
 
 def test_angles_are_ticked_in_multiples_of_pi():
     for turns, names in ((0.5, {"0", "π/2", "π"}), (-0.75, {"−π", "−π/2", "0"}), (3.0, {"0", "2π", "4π", "6π"})):
-        axis = plot_phase({"run": swing(turns)}, "acrobot").axes[0].xaxis
+        axis = plotted("phase", {"run": swing(turns)}, "acrobot").axes[0].xaxis
         assert names <= set(axis.get_major_formatter().format_ticks(axis.get_majorticklocs()))
 
 
@@ -157,7 +145,7 @@ def test_angles_are_ticked_in_multiples_of_pi():
 
 def test_bars_are_as_high_as_the_percentages():
     given = {f"c{k}": {name: 10.0 * i + k for i, name in enumerate(CRITERIA)} for k in range(9)}
-    bars = plot_robustness(given).axes[0].containers
+    bars = plotted("robustness", given).axes[0].containers
     for found, each in zip(bars, given.values(), strict=True):
         assert [bar.get_height() for bar in found] == [each[name] for name in CRITERIA]
     # Many controllers look different.
@@ -166,11 +154,11 @@ def test_bars_are_as_high_as_the_percentages():
 
 def test_intervals_are_error_bars_and_only_measured_criteria_are_drawn():
     intervals = {"velocity_noise": [40.0, 70.0], "torque_noise": [50.0, 50.0], "score": [0.45, 0.55]}
-    figure = plot_robustness({"ours": result(intervals=intervals)})
+    figure = plotted("robustness", {"ours": result(intervals=intervals)})
     ends = {tuple(path.vertices[:, 1]) for lines in figure.axes[0].collections for path in lines.get_paths()}
     assert ends == {(40.0, 70.0)}  # an interval without width is no bar
     assert legend_texts(figure.legends[0]) == ["ours, 0.500 (0.450–0.550)"]
-    axes = plot_robustness({"a": {"delay": 30.0, "score": None}, "b": {"model": 20.0, "delay": 40.0}}).axes[0]
+    axes = plotted("robustness", {"a": {"delay": 30.0, "score": None}, "b": {"model": 20.0, "delay": 40.0}}).axes[0]
     assert [label.get_text() for label in axes.get_xticklabels()] == ["Model", "Time\ndelay"]
     assert [[bar.get_height() for bar in bars] for bars in axes.containers] == [[30.0], [20.0, 40.0]]
 
@@ -179,7 +167,7 @@ def test_intervals_are_error_bars_and_only_measured_criteria_are_drawn():
 
 
 def test_curves_show_reward_and_score_of_every_seed():
-    figure = plot_curves({"a": curve(0) + curve(1, offset=0.05), "b": curve(3, offset=0.1)})
+    figure = plotted("curves", {"a": curve(0) + curve(1, offset=0.05), "b": curve(3, offset=0.1)})
     rewards, scores = figure.axes
     assert [line.get_label() for line in rewards.get_lines()] == ["a (2 seeds)", "a (2 seeds)", "b"]
     for line, offset in zip(rewards.get_lines(), (0.0, 0.05, 0.1), strict=True):
@@ -195,21 +183,21 @@ def test_curves_have_gaps_where_nothing_was_measured():
     rows = curve()
     rows[0]["score"], rows[1]["reward"] = None, math.nan
     del rows[2]["score"]
-    rewards, scores = plot_curves({"a": rows}).axes
+    rewards, scores = plotted("curves", {"a": rows}).axes
     np.testing.assert_allclose(rewards.get_lines()[0].get_ydata(), [-0.5, np.nan, -0.3])
     np.testing.assert_allclose(scores.get_lines()[0].get_ydata(), [np.nan, 0.4, np.nan])
 
 
 def test_a_third_panel_shows_resets_where_there_were_some():
     rows = [{**row, "termination_rate": rate} for row, rate in zip(curve(), (0.02, None, 0.0), strict=True)]
-    figure = plot_curves({"new": rows, "old": curve(1) + curve(2)})
+    figure = plotted("curves", {"new": rows, "old": curve(1) + curve(2)})
     _, resets, _ = figure.axes
     new, *old = [line.get_ydata() for line in resets.get_lines()]
     np.testing.assert_allclose(new, [20.0, np.nan, 0.0])
     # A run of a version that did not count them is not drawn as one without resets.
     assert all(np.isnan(line).all() for line in old)
     assert legend_texts(figure.legends[0]) == ["new", "old (2 seeds, resets –)", "one evaluation"]
-    assert len(plot_curves({"a": [{**row, "termination_rate": 0.0} for row in curve()]}).axes) == 2
+    assert len(plotted("curves", {"a": [{**row, "termination_rate": 0.0} for row in curve()]}).axes) == 2
 
 
 NO_RESULTS = [
@@ -226,15 +214,15 @@ NO_TRAJECTORIES = [
 
 
 def test_what_cannot_be_drawn_is_named():
-    for plot, wrong in (
-        (plot_robustness, NO_RESULTS),
-        (plot_curves, NO_CURVES),
-        (lambda given: plot_trajectories(given, "acrobot"), NO_TRAJECTORIES),
-        (lambda given: plot_phase(given, "acrobot"), NO_TRAJECTORIES),
+    for kind, wrong, *robot in (
+        ("robustness", NO_RESULTS),
+        ("curves", NO_CURVES),
+        ("trajectory", NO_TRAJECTORIES, "acrobot"),
+        ("phase", NO_TRAJECTORIES, "acrobot"),
     ):
         for given in wrong:
-            assert refusal(plot, {"ours": given}).startswith("ours")
-        assert "nothing to draw" in refusal(plot, {})
+            assert refusal(plotted, kind, {"ours": given}, *robot).startswith("ours")
+        assert "nothing to draw" in refusal(plotted, kind, {}, *robot)
 
 
 # All figures
@@ -253,10 +241,10 @@ def axis_label(axes, direction):
 
 def test_every_axis_has_a_label_and_a_unit():
     for figure in (
-        plot_trajectories({"a": swing(), "b": swing()}, "acrobot"),
-        plot_phase({"a": swing()}, "pendubot"),
-        plot_robustness({"a": result()}),
-        plot_curves({"a": [{**row, "termination_rate": 1e-3, "mean_length": 9.0} for row in curve()]}),
+        plotted("trajectory", {"a": swing(), "b": swing()}, "acrobot"),
+        plotted("phase", {"a": swing()}, "pendubot"),
+        plotted("robustness", {"a": result()}),
+        plotted("curves", {"a": [{**row, "termination_rate": 1e-3, "mean_length": 9.0} for row in curve()]}),
     ):
         labels = {axis_label(axes, direction) for axes in figure.axes for direction in ("x", "y")}
         assert all(re.fullmatch(QUANTITY, label) for label in labels - {"criterion"})  # criteria are names
@@ -266,10 +254,10 @@ def test_every_axis_has_a_label_and_a_unit():
 def test_figures_do_not_depend_on_names():
     names = ("_hidden", "cost in $", "$x_1", "x" * 300, "a_b", "--></svg>\x1b\n\udcff")
     for figure in (
-        plot_trajectories({name: swing() for name in names}, "acrobot"),
-        plot_phase({name: swing() for name in names}, "acrobot"),
-        plot_robustness({name: result() for name in names}),
-        plot_curves({name: curve() for name in names}),
+        plotted("trajectory", {name: swing() for name in names}, "acrobot"),
+        plotted("phase", {name: swing() for name in names}, "acrobot"),
+        plotted("robustness", {name: result() for name in names}),
+        plotted("curves", {name: curve() for name in names}),
     ):
         assert render(figure, ".png")
         ElementTree.fromstring(render(figure, ".svg"))  # no name leaves its comment, no control character stays
@@ -278,11 +266,11 @@ def test_figures_do_not_depend_on_names():
 
 
 def test_a_figure_is_the_same_every_time_whatever_the_global_settings():
-    first = {suffix: render(plot_robustness({"a": result()}), suffix) for suffix in (".png", ".svg", ".pdf")}
+    first = {suffix: render(plotted("robustness", {"a": result()}), suffix) for suffix in (".png", ".svg", ".pdf")}
     with matplotlib.rc_context({"axes.facecolor": "black", "font.size": 30, "figure.dpi": 30}):
         before = dict(matplotlib.rcParams)
         for suffix, content in first.items():
-            assert render(plot_robustness({"a": result()}), suffix) == content
+            assert render(plotted("robustness", {"a": result()}), suffix) == content
         assert dict(matplotlib.rcParams) == before
 
 
