@@ -50,13 +50,16 @@ def check_contract(task, endings):
 
 def _check_resets(task, first, second):
     """Resets are a function of the key, one by one and side by side, in the shapes that the task promises."""
-    observe = jax.jit(jax.vmap(lambda key: task.observe(task.reset(key))))
-    side_by_side = observe(jnp.stack([first, second, first]))
+
+    def observe(key):
+        return task.observe(task.reset(key))
+
+    side_by_side = jax.jit(jax.vmap(observe))(jnp.stack([first, second, first]))
     assert side_by_side.shape == (3, task.observation_size)
     assert side_by_side.dtype == jnp.float32
     np.testing.assert_array_equal(side_by_side[0], side_by_side[2])
     assert not np.array_equal(side_by_side[0], side_by_side[1])
-    np.testing.assert_allclose(task.observe(task.reset(first)), side_by_side[0], rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(jax.jit(observe)(first), side_by_side[0], rtol=1e-5, atol=1e-6)
 
 
 def _held(task, ending, key):

@@ -82,7 +82,8 @@ def write(folder, parts, name=TOLD):
     braking = dataclasses.replace(default_guard(DT), braking=2.0)
     whole = dataclasses.replace(told, plant=weak, guard=braking)
     found = dataclasses.replace(whole, **{part: None for part in PARTS if part not in parts})
-    for name, text in (("data.h", c_data(found)), ("runtime.h", runtime()), ("fuzz.c", FUZZ)):
+    fuzz = FUZZ if parts else FUZZ.replace("20000", "5000")  # a policy alone has no memory
+    for name, text in (("data.h", c_data(found)), ("runtime.h", runtime()), ("fuzz.c", fuzz)):
         (folder / name).write_text(text, encoding="utf-8")
 
 

@@ -62,7 +62,7 @@ FOLLOWED = 1e-6
 
 def a_cell(name, back_end, sensor):
     slow = sensor != "states" if name in SLOW else (name, back_end) == (ADAPTIVES[1], "c")
-    slow |= (name, back_end) == (ESTIMATED[0], "jax") and sensor not in ("states", "late and noisy", "not finite")
+    slow |= (name, back_end) == (ESTIMATED[0], "jax") and sensor != "states"
     marks = [pytest.mark.slow] if slow else []
     return pytest.param(name, back_end, sensor, id=f"{name}-{back_end}-{sensor}", marks=marks)
 

@@ -12,6 +12,7 @@ from refusals import refusal
 from swingup.benchmark.log_comparison import Comparison, close_loop, compare
 from swingup.benchmark.recording import driven_robot
 from swingup.cli import main
+from swingup.identification.fit import prediction
 from swingup.identification.fit.prediction import INDEX, integration_of, vector_of
 from swingup.identification.fit.scoring import prediction_errors, score_windows, summarise
 from swingup.identification.identify import Identification
@@ -30,6 +31,14 @@ from .logs import C1, write_log
 HEAVY = dataclasses.replace(C1, I2=1.3 * C1.I2)
 PERFECT = {"delay": 0.0, "lag": 3e-4}
 """The loop of the simulated logs; with it nothing is fitted."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _small_programs():
+    """Few windows at a time: a log of 3 s has no more."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(prediction, "CHUNK", 32)
+        yield
 
 
 @pytest.fixture(scope="module")
