@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from benchmark.controllers import Hanging
+from benchmark.controllers import HANGING
 from learner.contract import TINY
 from learner.environments import Noisy
 from policies import lone_policy
@@ -109,7 +109,7 @@ ENTRIES = {
     usually(gymnasium.make, id="swingup/ContinuingHopper-v0"): {
         "task": ["Hoper"], "resets": ["some"], "reset_cost": [math.nan],
     },
-    usually(judge, controller=Hanging(), robot="acrobot", board="robustness"): {
+    usually(judge, controller=HANGING, robot="acrobot", board="robustness"): {
         "seed": [-1], "seeds": [0], "board": ["v9"], "robot": ["hexapod"], "domain": ["identified"],
         "plant": ["C.2"], "disturbance": [DisturbanceSettings(delay=0.1)],
     },
@@ -167,12 +167,12 @@ TOGETHER = {
     "unknown task 'hover'": lambda: get_task("hover", ACROBOT),
     "the policy sees its plant": lambda: run_recipe(POLICIES[0], ROBOTS["acrobot"], RECIPES["recover"]),
     "give a domain, not a plant": lambda: run_recipe(POLICIES[1], ROBOTS["acrobot"], RECIPES["adapt"], plant="C.0"),
-    "give the plant as the domain": lambda: judge(Hanging(), "acrobot", "icra-real", plant="A.0"),
-    "unknown domain 'moon'": lambda: judge(Hanging(), "acrobot", "sim2real", domain="moon"),
+    "give the plant as the domain": lambda: judge(HANGING, "acrobot", "icra-real", plant="A.0"),
+    "unknown domain 'moon'": lambda: judge(HANGING, "acrobot", "sim2real", domain="moon"),
     "is for the pendubot, not the acrobot": lambda: judge(get_controller("lqr", "pendubot"), "acrobot"),
-    "make it shorter": lambda: judge(Hanging(), "acrobot", change_grid(ROBUSTNESS, "delay=0:5:3")),
-    "m2 = -0.625568": lambda: judge(Hanging(), "acrobot", change_grid(ROBUSTNESS, "m2=-1:1:3")),
-    "velocity_noise = -1": lambda: judge(Hanging(), "acrobot", change_grid(ROBUSTNESS, "velocity_noise=-1:1:3")),
+    "make it shorter": lambda: judge(HANGING, "acrobot", change_grid(ROBUSTNESS, "delay=0:5:3")),
+    "m2 = -0.625568": lambda: judge(HANGING, "acrobot", change_grid(ROBUSTNESS, "m2=-1:1:3")),
+    "velocity_noise = -1": lambda: judge(HANGING, "acrobot", change_grid(ROBUSTNESS, "velocity_noise=-1:1:3")),
     "unknown criterion": lambda: dataclasses.replace(ROBUSTNESS, criteria=("model", "speed")),
     "ours has scores of 3 tasks, theirs of 2": lambda: probability_of_improvement(SCORES, [[1.0, 2.0]] * 2),
     "'ar-eapo': it has a plant of its own": lambda: get_controller("ar-eapo", "pendubot", plant="B.0"),

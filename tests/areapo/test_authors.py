@@ -36,23 +36,14 @@ def estimate_of(authors, gains):
     The observations are the values themselves, and the critic, without a hidden layer, hands them on.
     """
     following = both(authors, "next_value", "next_entropy_value")
-    state = LearnerState(
-        actor=None,
-        critic=Critic(trunk=(), heads=Linear(jnp.eye(2), jnp.zeros(2))),
-        optimiser=None,
-        gains=jnp.array(gains[:2], jnp.float32),
-        gain_trace=jnp.array(gains[2], jnp.float32),
-        statistics=None,
-        task_states=None,
-        observations=following[-1],  # no environment of the excerpt was truncated in the last step
-        key=None,
-        iterations=jnp.array(0),
-        reset_cost=None,
-        task_rewards=None,
-        reward_statistics=None,
-        step_scale=None,
-        sum_statistics=None,
-    )
+    given = {
+        "critic": Critic(trunk=(), heads=Linear(jnp.eye(2), jnp.zeros(2))),
+        "gains": jnp.array(gains[:2], jnp.float32),
+        "gain_trace": jnp.array(gains[2], jnp.float32),
+        "observations": following[-1],  # no environment of the excerpt was truncated in the last step
+        "iterations": jnp.array(0),
+    }
+    state = LearnerState(**dict.fromkeys(LearnerState.__dataclass_fields__) | given)
     rollout = Rollout(
         observations=both(authors, "value", "entropy_value"),
         latents=None,

@@ -2,7 +2,9 @@
 
 import dataclasses
 import math
+from collections.abc import Callable
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -19,29 +21,27 @@ LOOSE = dataclasses.replace(BRIEF, name="loose", tolerance=(2.9, 9.0, 1e9, 1e9))
 """With a success that some of these short runs have."""
 
 
-class Swinging(AbstractController):
-    """Torque with the driven joint's velocity: it pumps energy into the pendulum from any disturbance."""
+class Memoryless(AbstractController):
+    """Torques that are a function of time and state."""
+
+    torques: Callable = eqx.field(static=True)
 
     def init(self):
         return None
 
     def __call__(self, carry, t, x):
-        return None, jnp.ones(2) * (3 * jnp.tanh(x[2] + x[3]) + 0.5 * jnp.cos(3 * t))
+        return None, self.torques(t, x)
+
+
+SWINGING = Memoryless(lambda t, x: jnp.ones(2) * (3 * jnp.tanh(x[2] + x[3]) + 0.5 * jnp.cos(3 * t)))
+"""Torque with the driven joint's velocity: it pumps energy into the pendulum from any disturbance."""
+HANGING = Memoryless(lambda t, x: jnp.zeros(2, x.dtype))
+"""No torque."""
 
 
 def swinging(x, t):
-    """The same in NumPy."""
+    """``SWINGING`` in NumPy."""
     return np.ones(2) * (3 * math.tanh(x[2] + x[3]) + 0.5 * math.cos(3 * t))
-
-
-class Hanging(AbstractController):
-    """No torque."""
-
-    def init(self):
-        return None
-
-    def __call__(self, carry, t, x):
-        return None, jnp.zeros(2, x.dtype)
 
 
 class Counting(AbstractController):

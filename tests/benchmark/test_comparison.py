@@ -69,19 +69,13 @@ def test_performance_profile_is_that_of_rliable(scores, thresholds, profile, low
     assert found * scores.size == pytest.approx(np.array([low, high]))
 
 
-def test_interquartile_mean_pools_runs_and_tasks():
-    # Of 0, 1, 2, 3, 4, 5, 6, 70 two are left out at each end: the mean of 2, 3, 4, 5.
+def test_statistics_by_hand():
+    # Runs and tasks are pooled. Of 0, 1, 2, 3, 4, 5, 6, 70 two are left out at each end: the mean of 2, 3, 4, 5.
     assert interquartile_mean([[70, 1], [3, 5], [2, 0], [6, 4]]) == 3.5
-
-
-def test_probability_of_improvement_by_hand():
     # First task: 3 beats 1 and 2, and 2 beats 1 and ties with 2: 3.5 of 4 pairs. Second task: none of 4.
     assert probability_of_improvement([[3, 0], [2, 0]], [[1, 9], [2, 9]]) == (3.5 / 4 + 0) / 2
     assert probability_of_improvement([1.0, 4.0], [2.0, 3.0, 5.0]) == 2 / 6  # one task, unequal numbers of runs
     assert probability_of_improvement(OURS, OURS) == 0.5
-
-
-def test_performance_profile_by_hand():
     # A score at the threshold is not above it.
     assert performance_profile([[1, 2], [3, 4]], [0, 1, 2.5, 4]).tolist() == [1.0, 0.75, 0.5, 0.0]
 
@@ -89,9 +83,6 @@ def test_performance_profile_by_hand():
 def test_resamples_draw_the_learners_separately():
     # The probability of ours 1, 1 with theirs 0, 0 is 1/16; with common draws ours would always tie.
     assert bootstrap_interval(probability_of_improvement, [0.0, 1.0], [0.0, 1.0]).tolist() == [0.0, 1.0]
-
-
-def test_interval_of_three_runs_ends_at_the_worst_and_the_best():
     # Three times the worst has the probability 1/27, more than 2.5 %.
     assert bootstrap_interval(interquartile_mean, [1.0, 5.0, 3.0]).tolist() == [1.0, 5.0]
 

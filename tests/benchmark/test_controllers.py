@@ -14,22 +14,14 @@ from swingup.benchmark.grid import change_grid
 from swingup.benchmark.judge import judge
 from swingup.controllers.interface.controller import AbstractController
 
-from .controllers import BRIEF, Counting, PlainCounting, Swinging, swinging
-
-
-class Breaking(AbstractController):
-    """NaN when it sees a delay of more than ten steps by the velocity it is shown at the start."""
-
-    def init(self):
-        return None
-
-    def __call__(self, carry, t, x):
-        return None, jnp.where((t > 0.021) & (x[3] == 0), jnp.nan, 1.0) * jnp.array([0.0, 1.0])
+from .controllers import BRIEF, SWINGING, Counting, Memoryless, PlainCounting, swinging
 
 
 def test_a_controller_that_breaks_loses_only_the_simulations_in_which_it_does():
     loose = dataclasses.replace(BRIEF, duration=0.1, tolerance=(9.0, 9.0, 1e9, 1e9), criteria=("delay",))
-    result = judge(Breaking(), "acrobot", loose)
+    # NaN when it sees a delay of more than ten steps by the velocity it is shown at the start.
+    breaking = Memoryless(lambda t, x: jnp.where((t > 0.021) & (x[3] == 0), jnp.nan, 1.0) * jnp.array([0.0, 1.0]))
+    result = judge(breaking, "acrobot", loose)
     # With a delay of 11 steps or more the first state, at rest, is still seen at t = 0.022 s, in step 11.
     assert [run.success for run in result.runs] == [True] * 11 + [False] * 10
     assert len(result.faults) == 10
@@ -47,7 +39,7 @@ class Uncopyable(PlainCounting):
 @pytest.mark.parametrize(
     ("source", "twin"),
     [
-        (swinging, Swinging()),
+        (swinging, SWINGING),
         pytest.param(PlainCounting(), Counting(), marks=pytest.mark.slow),
         pytest.param(Uncopyable(), Counting(), marks=pytest.mark.slow),
     ],
@@ -106,24 +98,16 @@ class Starting:
         return [0.0, 0.0]
 
 
-class Wrong(AbstractController):
-    """One torque instead of two, or a torque that is not finite after 0.02 s."""
-
-    late: bool = eqx.field(static=True)
-
-    def init(self):
-        return None
-
-    def __call__(self, carry, t, x):
-        # inf times 0 is NaN on the passive joint; the driven joint's torque would be clipped to 6 N m.
-        return None, jnp.where(t > 0.0199, jnp.inf, 0.0) * jnp.array([0.0, 1.0]) if self.late else jnp.sin(t)
+ONE_TORQUE = Memoryless(lambda t, x: jnp.sin(t))
+# inf times 0 is NaN on the passive joint; the driven joint's torque would be clipped to 6 N m.
+INFINITE = Memoryless(lambda t, x: jnp.where(t > 0.0199, jnp.inf, 0.0) * jnp.array([0.0, 1.0]))
 
 
 @pytest.mark.parametrize(
     ("source", "board", "named"),
     [
-        *((Wrong(False), board, "its torque has shape ()") for board in ("performance", "robustness", "uptime")),
-        (Wrong(True), "performance", "it gave a torque that is not finite at t = 0.02 s"),
+        *((ONE_TORQUE, board, "its torque has shape ()") for board in ("performance", "robustness", "uptime")),
+        (INFINITE, "performance", "it gave a torque that is not finite at t = 0.02 s"),
         (Starting(), "performance", "its reset() raised OSError (no device)"),
     ],
 )

@@ -14,7 +14,7 @@ from swingup.benchmark.judge import judge
 from swingup.benchmark.rules import CRITERIA, RANDOM, PushRules, Sweep
 from swingup.plant.plant import LEADERBOARD
 
-from .controllers import V2, Swinging
+from .controllers import SWINGING, V2
 
 
 def every_case(robot, rules=V2, seed=0):
@@ -124,7 +124,7 @@ def test_other_grids_of_the_model_and_of_pushes(robot):
 def test_a_disturbance_has_the_boards_own_period_and_duration():
     settings = DisturbanceSettings(delay=0.01, pushes=PushRules(apart=0.5))
     board = dataclasses.replace(PERFORMANCE, dt=0.005, duration=4.0)
-    result = judge(Swinging(), "acrobot", board, disturbance=settings, seed=3)
+    result = judge(SWINGING, "acrobot", board, disturbance=settings, seed=3)
     row = json.loads(json.dumps(result.as_dict()))
     disturbance = row["details"][0]["disturbance"]
     assert (row["seeds"], row["details"][0]["seed"], disturbance["noise"]) == ([3], 3, [3, 0])

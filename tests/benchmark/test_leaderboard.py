@@ -7,25 +7,14 @@ import jax.numpy as jnp
 import pytest
 
 from refusals import refusal
-from swingup.benchmark.leaderboard import (
-    ENTRANTS,
-    FURTHER,
-    entrants_for,
-    leaderboard,
-    published_rows,
-)
+from swingup.benchmark.leaderboard import ENTRANTS, FURTHER, entrants_for, leaderboard, published_rows
 from swingup.benchmark.rules import CRITERIA
 from swingup.controllers.stack.controller import PolicyController
 from swingup.controllers.stack.estimator import EstimatingController
 from swingup.controllers.stack.regulator import RegulatingController
 from swingup.policy.shipped import ADAPTIVE, AR_EAPO
 
-from .controllers import Hanging
-
-
-class Failing(Hanging):
-    def __call__(self, carry, t, x):
-        return None, jnp.nan * jnp.zeros(2)
+from .controllers import HANGING, Memoryless
 
 
 def raising(x, t):
@@ -42,7 +31,7 @@ def ours(board):
 
 @pytest.mark.slow  # the command has a default test
 def test_boards_are_sorted_and_mark_what_is_ours(either_robot, small_grid):
-    performance, robustness = leaderboard(either_robot, {"hanging": Hanging()}, ("performance", small_grid), **ONE)
+    performance, robustness = leaderboard(either_robot, {"hanging": HANGING}, ("performance", small_grid), **ONE)
     assert (performance.board, performance.seed) == ("performance", None)
     assert (robustness.board, robustness.seed) == ("robustness", 0)
     for board in (performance, robustness):
@@ -61,7 +50,8 @@ def test_boards_are_sorted_and_mark_what_is_ours(either_robot, small_grid):
 
 @pytest.mark.slow
 def test_a_controller_that_fails_gets_a_row_that_says_so():
-    boards = leaderboard("acrobot", {"nan": Failing(), "raising": raising}, boards=("hardware",), **ONE)
+    failing = {"nan": Memoryless(lambda t, x: jnp.nan * jnp.zeros(2)), "raising": raising}
+    boards = leaderboard("acrobot", failing, boards=("hardware",), **ONE)
     rows = ours(boards[0])
     assert [board.board for board in boards] == ["hardware"]
     assert rows[AR_EAPO].values["score"] > 0.6
@@ -78,15 +68,15 @@ def test_policies_that_ship_with_an_estimator_enter_without_it_too(robot):
         "adaptive --no-estimator": RegulatingController,
     }
     assert set(entrants_for(robot, {}, (ADAPTIVE,))) == {"adaptive"}
-    again = refusal(leaderboard, robot, {"adaptive --no-estimator": Hanging()}, entrants=(ADAPTIVE,))
+    again = refusal(leaderboard, robot, {"adaptive --no-estimator": HANGING}, entrants=(ADAPTIVE,))
     assert "'adaptive --no-estimator' is on the board already" in again
 
 
 def test_names_on_the_board_are_taken(brief_minute):
     """Ours, and `global` on the uptime board alone."""
     for name in (*FURTHER, "ilqr-mpc"):
-        assert f"'{name}' is on the board already" in refusal(leaderboard, "acrobot", {name: Hanging()})
-    taken = refusal(leaderboard, "acrobot", {"global": Hanging()}, (brief_minute,))
+        assert f"'{name}' is on the board already" in refusal(leaderboard, "acrobot", {name: HANGING})
+    taken = refusal(leaderboard, "acrobot", {"global": HANGING}, (brief_minute,))
     assert "'global' is on the board already" in taken
     # The report animates the paper's alone.
     assert set(entrants_for("acrobot", {})) == set(ENTRANTS)

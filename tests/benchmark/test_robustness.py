@@ -20,7 +20,7 @@ from swingup.loop.disturbance import step_noise
 from swingup.plant.plant import LEADERBOARD
 from swingup.plant.robots import ROBOTS, get_robot
 
-from .controllers import BRIEF, LOOSE, V2, Swinging, swinging
+from .controllers import BRIEF, LOOSE, SWINGING, V2, swinging
 from .independent import World, closed_loop, rk4
 
 
@@ -30,7 +30,7 @@ def picked():
     rules = dataclasses.replace(BRIEF, tolerance=(9.0,) * 4)
     grids = [make_cases(robot, rules, each, 7) for robot in ROBOTS.values() for each in CRITERIA]
     cases = [case for grid in grids for case in grid[:: max(1, len(grid) // 3)]]
-    batch = run_many(Swinging(), stack([case.scenario for case in cases]), rules.dt, rules.steps, depth=21)
+    batch = run_many(SWINGING, stack([case.scenario for case in cases]), rules.dt, rules.steps, depth=21)
     return list(zip(cases, batch.final, strict=True))
 
 
@@ -99,7 +99,7 @@ def test_scores_of_several_seeds():
 
 @pytest.mark.slow
 def test_a_whole_grid_as_json():
-    result = judge(Swinging(), "pendubot", LOOSE, seed=4, name="mine")
+    result = judge(SWINGING, "pendubot", LOOSE, seed=4, name="mine")
     row = json.loads(json.dumps(result.as_dict()))
     names = ("robot", "controller", "board", "seeds", "runs", "intervals")
     assert [row[name] for name in names] == ["pendubot", "mine", "loose", [4], 722, {}]
@@ -107,15 +107,15 @@ def test_a_whole_grid_as_json():
     assert {"criterion", "value", "repetition", "seed", "success", "score"} == set(row["details"][210])
     assert row["score"] == pytest.approx(sum(row[name] for name in CRITERIA) / 600)
     assert 0.05 < row["score"] < 0.95
-    assert judge(Swinging(), "pendubot", LOOSE, seed=4).values == result.values
-    assert judge(Swinging(), "pendubot", LOOSE, seed=5).values != result.values
+    assert judge(SWINGING, "pendubot", LOOSE, seed=4).values == result.values
+    assert judge(SWINGING, "pendubot", LOOSE, seed=5).values != result.values
 
 
 @pytest.mark.slow
 def test_single_criteria_repeat_the_whole_grid():
-    whole = judge(Swinging(), "pendubot", LOOSE, seed=2)
+    whole = judge(SWINGING, "pendubot", LOOSE, seed=2)
     for criterion in ("perturbations", "torque_noise"):
-        part = judge(Swinging(), "pendubot", dataclasses.replace(LOOSE, criteria=(criterion,)), seed=2)
+        part = judge(SWINGING, "pendubot", dataclasses.replace(LOOSE, criteria=(criterion,)), seed=2)
         successes = [run.success for run in whole.runs if run.case.criterion == criterion]
         assert [run.success for run in part.runs] == successes
         assert 0 < sum(successes) < len(successes)

@@ -21,7 +21,7 @@ from swingup.loop.draw import draw
 from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.plant.robots import ROBOTS
 
-from .controllers import Hanging
+from .controllers import HANGING
 from .independent import World, closed_loop
 
 run = jax.jit(simulate, static_argnames=("steps", "depth"))
@@ -180,7 +180,7 @@ def test_noise_is_standard_normal_and_differs_from_step_to_step_and_key_to_key()
 @pytest.mark.usefixtures("x64")
 def test_trajectory_has_the_dtype_of_the_first_state(robot, dtype):
     def simulated(x0):
-        return simulate(Scenario(LEADERBOARD.driven(robot)), Hanging(), x0, 0.002, 3)[1]
+        return simulate(Scenario(LEADERBOARD.driven(robot)), HANGING, x0, 0.002, 3)[1]
 
     leaves = jax.tree.leaves(jax.eval_shape(simulated, jnp.zeros(4, dtype)))
     assert {leaf.dtype.name for leaf in leaves} == {dtype}
@@ -188,7 +188,7 @@ def test_trajectory_has_the_dtype_of_the_first_state(robot, dtype):
 
 
 def test_evaluation_of_a_pendulum_that_hangs(robot):
-    evaluation = judge(Hanging(), robot, name="idle")
+    evaluation = judge(HANGING, robot, name="idle")
     trajectory = evaluation.trajectory
     # 5,000 rows of the true state before each step: t = 0 to 9.998 s, in float64 whatever the caller's precision.
     assert trajectory.time.shape == (5000,)

@@ -19,7 +19,7 @@ from swingup.loop.supervisors.limits import Limits
 from swingup.plant.plant import load_plant
 from swingup.plant.robots import get_robot
 
-from .controllers import Swinging, swinging
+from .controllers import SWINGING, swinging
 from .independent import World, closed_loop
 
 IROS = IROS_REAL
@@ -52,7 +52,7 @@ def test_the_ten_sets_of_pushes(name, least, most):
 def test_a_trial_agrees_with_a_numpy_loop(robot):
     # The controller pumps beyond the robot's limits within 0.3 s.
     rules = dataclasses.replace(BRIEF, limits=Limits(angle=1e3, speed=1e3))
-    found = judge(Swinging(), robot, rules, 1, seed=4, domain=FRICTION)
+    found = judge(SWINGING, robot, rules, 1, seed=4, domain=FRICTION)
     limits, drawn = np.where(np.array(robot.actuation) > 0, 6.0, 0.5), BRIEF.trial_pushes(robot, 4)
     plant = load_plant("C.1").values() | {"tl1": limits[0], "tl2": limits[1]}
     pushes = [
@@ -78,7 +78,7 @@ def test_a_trial_agrees_with_a_numpy_loop(robot):
 
 def test_a_robot_that_stops_scores_nothing():
     rules = dataclasses.replace(BRIEF, limits=Limits(angle=4 * math.pi, speed=1.5))
-    found = judge(Swinging(), "acrobot", rules, 1, domain=FRICTION)
+    found = judge(SWINGING, "acrobot", rules, 1, domain=FRICTION)
     assert found.score == 0.0
     assert found.runs[0].stop is not None
     # The record ends before the state that exceeds the limit.

@@ -2,8 +2,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from benchmark.controllers import Memoryless
 from swingup.controllers.baselines.switch import AbstractExpensiveController, LatchingSwitch
-from swingup.controllers.interface.controller import AbstractController
 from swingup.plant.robots import ROBOTS
 
 ACROBOT = ROBOTS["acrobot"]
@@ -12,14 +12,8 @@ AWAY = np.array([0.0, 0.0, 0.0, 0.0])
 UP = np.array([np.pi, 0.0, 0.0, 0.0])
 
 
-class Constant(AbstractController):
-    torque: float
-
-    def init(self):
-        return None
-
-    def __call__(self, carry, t, x):
-        return None, jnp.array([0.0, self.torque])
+def constant(torque):
+    return Memoryless(lambda t, x: jnp.array([0.0, torque]))
 
 
 class Counting(AbstractExpensiveController):
@@ -42,7 +36,7 @@ def torques(controller, states):
 
 @pytest.fixture
 def controller():
-    return LatchingSwitch(Constant(1.0), Constant(2.0), THRESHOLD, ACROBOT)
+    return LatchingSwitch(constant(1.0), constant(2.0), THRESHOLD, ACROBOT)
 
 
 def test_never_switches_back(x64, controller):
@@ -66,6 +60,6 @@ def test_all_four_have_to_be_near(x64, controller):
 
 
 def test_a_sparing_controller_learns_that_it_is_idle(x64):
-    answers, memory = torques(LatchingSwitch(Counting(), Constant(2.0), THRESHOLD, ACROBOT), [AWAY, AWAY, UP, AWAY])
+    answers, memory = torques(LatchingSwitch(Counting(), constant(2.0), THRESHOLD, ACROBOT), [AWAY, AWAY, UP, AWAY])
     assert answers == [1.0, 1.0, 2.0, 2.0]
     assert memory.first == 2

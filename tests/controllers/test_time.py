@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.controllers.interface.controller import AbstractController
+from benchmark.controllers import Memoryless
 from swingup.controllers.interface.time import split_time
 from swingup.controllers.registry import get_controller
 from swingup.controllers.stack.estimator import with_estimator
@@ -25,19 +25,13 @@ def answers(controller, start):
     return np.array(torques)
 
 
-class Rates(AbstractController[None]):
-    """The velocities that it is shown, as torques."""
-
-    def init(self):
-        return None
-
-    def __call__(self, carry, t, x):
-        return None, jnp.clip(x[2:], -1.0, 1.0)
+RATES = Memoryless(lambda t, x: jnp.clip(x[2:], -1.0, 1.0))
+"""The velocities that it is shown, as torques."""
 
 
 @pytest.mark.parametrize(
     "controller",
-    [lambda: get_controller("tvlqr", "acrobot"), lambda: with_estimator(Rates(), ROBOT, LEADERBOARD.driven(ROBOT))],
+    [lambda: get_controller("tvlqr", "acrobot"), lambda: with_estimator(RATES, ROBOT, LEADERBOARD.driven(ROBOT))],
     ids=["trajectory", "estimator"],
 )
 def test_a_clock_may_start_anywhere(controller):

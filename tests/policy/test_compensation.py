@@ -60,13 +60,10 @@ def test_the_pendubots_elbow_is_undriven():
     assert LEAST_GAIN < 0.75
 
 
-def test_negative_friction_of_the_shoulder_is_not_compensated():
+def test_negative_friction_is_neither_compensated_nor_predicted_nor_is_the_compensated_part():
     asked, left, _ = compensation(Friction((-0.02, 0.1), (-0.3, 0.06)), 1.0, 1, 0.5, max)
     assert asked == Friction((0.0, 0.1), (0.0, 0.06))
     assert left == Friction((-0.02, 0.0), (-0.3, 0.0))
-
-
-def test_predicted_friction_is_never_negative_and_leaves_the_compensated_part_out():
     # Without a motor at the undriven joint, all of its friction stays; one that delivers all leaves none.
     assert compensation(FOUND, 1.0, 0, 0.0, max).predicted == Friction((0.02, 0.1), (0.3, 0.0))
     assert compensation(FOUND, 1.0, 0, 0.5, max).predicted == Friction((0.02, 0.0), (0.3, 0.0))

@@ -9,8 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from benchmark.controllers import Memoryless
 from benchmark.independent import derivative, rk4
-from swingup.controllers.interface.controller import AbstractController, check_interface
+from swingup.controllers.interface.controller import check_interface
 from swingup.controllers.stack.estimator import with_estimator
 from swingup.plant.maths import NUMPY
 from swingup.plant.plant import LEADERBOARD
@@ -86,9 +87,7 @@ def test_kalman_gains(changes):
         # Joseph's form, which holds for any gain.
         P = A @ ((np.eye(2) - K) @ P @ (np.eye(2) - K).T + K @ R @ K.T) @ A.T + Q
     np.testing.assert_allclose(kalman_gains(settings), K, rtol=1e-9)
-
-
-def test_kalman_gains_of_extreme_noise_are_finite():
+    # Extreme noise gives finite gains.
     for noise in (1e-6, 1e-3, 1000.0):
         settings = EstimatorSettings(velocity_noise=noise, acceleration_noise=1000.0, dt=0.1)
         assert np.isfinite(kalman_gains(settings)).all()
@@ -243,17 +242,9 @@ def test_a_jump_restarts_from_the_measurement():
     np.testing.assert_array_equal(fed(HERE, HERE, jumped)[1], jumped)
 
 
-class Constant(AbstractController):
-    def init(self):
-        return None
-
-    def __call__(self, carry, t, x):
-        return None, jnp.array([9.0, 0.0])
-
-
 @pytest.mark.parametrize("double", [False, True])
 def test_memory_keeps_its_types(double):
-    controller = with_estimator(Constant(), ROBOTS["pendubot"], PENDUBOT)
+    controller = with_estimator(Memoryless(lambda t, x: jnp.array([9.0, 0.0])), ROBOTS["pendubot"], PENDUBOT)
     with jax.enable_x64(double):
         check_interface(controller)
         assert controller.init().estimator.state.dtype == (jnp.float64 if double else jnp.float32)

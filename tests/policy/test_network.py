@@ -1,23 +1,29 @@
-"""What a policy sees, the state and its plant: by hand, folded into an ordinary network, and told anew."""
+"""A policy's network: what it sees of state and plant, folded and told anew, and its layers in all forms."""
 
 import dataclasses
+import math
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from policies import lone_policy
+from swingup.areapo.networks import Actor
 from swingup.controllers.interface.controller import AbstractPlantController
-from swingup.controllers.stack.controller import policy_of
+from swingup.controllers.stack.controller import policy_of, save_controller
 from swingup.controllers.stack.estimator import with_estimator
+from swingup.controllers.stack.policy import Policy
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.plant import LEADERBOARD, Plant, load_plant
 from swingup.plant.robots import get_robot
 from swingup.policy.identifier.settings import IdentifierSettings
 from swingup.policy.network.fold import fold
-from swingup.policy.network.layers import Network
+from swingup.policy.network.layers import Layer, Network, largest_feature
 from swingup.policy.network.stages import PendulumStage, PlantStage
+from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.numpy_backend.network import NumpyNetwork
+from swingup.policy.pendulum import read_pendulum_policy
 from swingup.policy.plant_facts import policy_plant
 from swingup.tasks import observation
 
@@ -88,12 +94,12 @@ STAGE = PlantStage(np.linspace(-1, 1, 9), np.linspace(1, 2, 9), clip=2.0)
 STATE = PendulumStage("sincos")
 
 
-def outputs(network, observation):
+def outputs(network, seen):
     """Heads of a network, in double precision."""
     for weight, bias in ((each.weight, each.bias) for each in network.trunk):
-        observation = np.maximum(weight.astype(float) @ observation + bias, 0)
+        seen = np.maximum(weight.astype(float) @ seen + bias, 0)
     heads = [network.head, *([] if network.std is None else [network.std])]
-    return np.array([each.weight.astype(float) @ observation + each.bias for each in heads])
+    return np.array([each.weight.astype(float) @ seen + each.bias for each in heads])
 
 
 @pytest.mark.parametrize("depth", [0, 1])
@@ -166,3 +172,48 @@ def test_an_identifier_tells_what_it_found():
     told = whole(memory, jnp.zeros(()), jnp.zeros(4))[0].controller
     # Without the friction, which is compensated.
     np.testing.assert_allclose(told, found.at[4:8].set(0.0), rtol=1e-5)
+
+
+BY_HAND = {
+    "relu": lambda x: max(x, 0.0),
+    "tanh": math.tanh,
+    "elu": lambda x: x if x > 0 else math.exp(x) - 1,
+    "silu": lambda x: x / (1 + math.exp(-x)),
+    "gelu": lambda x: x / 2 * (1 + math.tanh(math.sqrt(2 / math.pi) * (x + 0.044715 * x**3))),
+}
+
+
+def of_kind(activation):
+    """The small controller with another activation."""
+    controller = small_policy()
+    actor = controller.policy.actor
+    actor = Actor(actor.trunk, activation, actor.mean_head, actor.std_head)
+    return dataclasses.replace(controller, policy=Policy(controller.policy.stages, actor))
+
+
+@pytest.mark.parametrize("activation", BY_HAND)
+def test_a_policy_file_in_jax_and_in_numpy(tmp_path, activation):
+    """Both back ends compute what is written here by hand, from a file."""
+    save_controller(tmp_path / "p.safetensors", of_kind(activation), {})
+    found, states = read_pendulum_policy(tmp_path / "p.safetensors"), random_states()[:5]
+    numpy, network = numpy_controller(found), found.network
+    loaded, _ = lone_policy(tmp_path / "p.safetensors", "pendubot")
+    with jax.enable_x64(True):
+        judge = jax.jit(jax.vmap(lambda x: (loaded.policy.observe(x), 3.0 * loaded.policy(x)[0])))
+        features, judged = map(np.asarray, judge(jnp.asarray(states)))
+    for layer in network.trunk:
+        features = features @ layer.weight.T.astype(float) + layer.bias
+        features = np.vectorize(BY_HAND[activation])(features)
+    expected = 3.0 * np.tanh(features @ network.head.weight[0].astype(float) + network.head.bias[0])
+    np.testing.assert_allclose([numpy(x, 0.0)[0] for x in states], expected, atol=1e-12)
+    np.testing.assert_allclose(judged, expected, atol=1e-12)
+    assert np.ptp(expected) > 0.01
+
+
+def test_a_bound_of_the_features():
+    # |x| ≤ 1 gives 2·1 + 1 = 3, the head 10 times that.
+    layer = Layer(np.full((3, 1), 2, np.float32), np.ones(3, np.float32))
+    head = Layer(np.full((1, 3), 10 / 3, np.float32), np.zeros(1, np.float32))
+    assert largest_feature(Network((), (layer,), head)) == pytest.approx(30.0)
+    small = Network((), (Layer(layer.weight * 0, layer.bias * 0),), head, activation="elu")
+    assert largest_feature(small) == pytest.approx(10.0)
