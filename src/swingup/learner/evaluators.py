@@ -38,9 +38,9 @@ No task of Gymnasium that these networks can see has a higher limit: BipedalWalk
 class AbstractEvaluator(abc.ABC):
     """Scores the policies of a task and writes their files."""
 
-    measure: str
+    measure: str = "episodes"
     """Name under which policy files keep their scores."""
-    stages: tuple[Stage, ...]
+    stages: tuple[Stage, ...] = ()
     """Observation stages before the normalisation."""
     observation_shape: tuple[int, ...]
     """Shape of the input of the first stage, or without stages of the normalisation."""
@@ -51,9 +51,9 @@ class AbstractEvaluator(abc.ABC):
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
         """Evaluate the deterministic policy; among the results is ``score``, the higher the better."""
 
-    @abc.abstractmethod
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
-        """Write a policy file."""
+        """Write a policy file, with what the environment's actions are."""
+        save_policy(path, policy, {**self.actions, **provenance})
 
 
 class SwingUpEvaluator(AbstractEvaluator):
@@ -88,9 +88,6 @@ class SwingUpEvaluator(AbstractEvaluator):
 class ReturnEvaluator(AbstractEvaluator):
     """Evaluates by the mean return of episodes of any task in JAX; they are the same each time."""
 
-    measure = "episodes"
-    stages = ()
-
     def __init__(self, task: AbstractTask[Any], seed: int, episodes: int) -> None:
         """The evaluator of a task, with a default number of episodes."""
         adapted = task if isinstance(task, AbstractAdaptedTask) else None
@@ -105,10 +102,6 @@ class ReturnEvaluator(AbstractEvaluator):
         keys = jax.random.split(root_key(self._seed, Purpose.EVALUATION), episodes or self._episodes)
         total, length, resets = jax.device_get(_episodes(policy, self._task, keys))
         return summarise_episodes(total.tolist(), length.tolist(), int(resets.sum()), self._step_time)
-
-    def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
-        """Write a policy file; that of an adapted environment has the bounds of its actions."""
-        save_policy(path, policy, {**self.actions, **provenance})
 
 
 def check_actions(trained: Mapping[str, Any], found: Mapping[str, Any]) -> None:

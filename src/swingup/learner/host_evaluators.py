@@ -26,9 +26,6 @@ from .rates import REWARD_RATE
 class EpisodeEvaluator(AbstractEvaluator):
     """The mean return of episodes in environments of its own, the same episodes each time."""
 
-    measure = "episodes"
-    stages = ()
-
     def __init__(self, env: Any, name: str, environments: Environments, seed: int, episodes: int) -> None:
         """Prepare for environments like those of training, which are made when they are first needed."""
         self.observation_shape = environments.observation_space.shape or ()
