@@ -1,7 +1,7 @@
 """The learner on tasks with known answers: gains, bias values and the maximum-entropy policy.
 
-By default one task of each kind of action is learned, here, and by the host loop (``learner/test_host.py``) one
-without and one with terminations; what an ending means for a single rollout is in ``test_train.py``.
+By default two levers are learned. The slow tests have the others, and those of the host loop
+(``learner/test_host_collection.py``); what an ending means for a single rollout is in ``test_train.py``.
 """
 
 import dataclasses
