@@ -1,7 +1,7 @@
 """Runs whose policies are judged by swing-ups of half a second, for tests of anything but the judging.
 
 Policies that were hardly trained score nothing in ten seconds either; whole swing-ups are judged where commands
-train (``cli/test_cli.py``) and where processes are killed (``test_faults.py``).
+train (``cli/test_training.py``) and where processes are killed (``test_faults.py``).
 """
 
 import contextlib
