@@ -1,7 +1,7 @@
 """One policy for a family of designs: taught about each of them, judged from each one's nominal parameters.
 
 Usage: python benchmarks/universal.py ROBOT FOLDER [--designs C.1 A.0 cloudpendulum B.0] [--plants 160]
-[--steps 60000] [--frames 6000000] [--judged C.1 C.0 A.0 cloudpendulum B.0] [--seeds 40] [--share 0.25]
+[--steps 100000] [--frames 6000000] [--judged C.1 C.0 A.0 cloudpendulum B.0] [--seeds 40] [--share 0.25]
 
 In the units of policies (``plant/units.py``) every pendulum has C.1's upper link and gravity: its inertial base
 parameters alone tell it apart. About each design plants are drawn: masses and inertias are off, the motor is
@@ -113,7 +113,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--designs", nargs="+", default=list(DESIGNS))
     parser.add_argument("--plants", type=int, default=160)
-    parser.add_argument("--steps", type=int, default=60_000)
+    parser.add_argument("--steps", type=int, default=100_000)
     parser.add_argument("--frames", type=int, default=6_000_000)
     parser.add_argument("--judged", nargs="+", default=["C.1", "C.0", *DESIGNS[1:]])
     parser.add_argument("--seeds", type=int, default=40)
@@ -123,7 +123,13 @@ def main() -> None:
     options.folder.mkdir(parents=True, exist_ok=True)
     schools = [school(robot, each, options.folder, options.plants, options.frames) for each in options.designs]
     settings = DistillationSettings(
-        anywhere=ANYWHERE * len(schools), steps=options.steps, duration=3.0, score_steps=0
+        anywhere=ANYWHERE * len(schools),
+        steps=options.steps,
+        duration=3.0,
+        runs=16,
+        batch=4096,
+        anywhere_batch=512,
+        score_steps=0,
     )
     student = distil(schools, settings, np.random.default_rng(11), progress=partial(print, flush=True))
     for design, (teachers, _) in zip(options.designs, schools, strict=True):

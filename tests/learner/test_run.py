@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shutil
 
 import jax
 import numpy as np
@@ -17,7 +18,7 @@ from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
 from swingup.learner.run import Run
 from swingup.learner.run_folder import RunFolder
-from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings, run_settings_from_dict
+from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings, run_settings_from_dict, write_run_settings
 from swingup.learner.start import resume_run, start_run
 from swingup.plant.plant import LEADERBOARD, load_plant
 
@@ -264,6 +265,13 @@ def test_a_folder_is_never_overwritten(finished):
     assert f"{folder} exists" in refusal(start_run, SETTINGS, folder, 100)
     assert "stands at 640 already" in refusal(resume_run, folder, 64)
     assert (folder / "config.json").read_text() == before
+
+
+def test_a_finished_run_has_reached_its_goal_also_where_the_last_chunk_went_beyond_it(finished, tmp_path):
+    shutil.copytree(finished[0], tmp_path / "again")
+    write_run_settings(tmp_path / "again", SETTINGS, 600)
+    again = resume_run(tmp_path / "again", 600)
+    assert (again.frames, list(again.advance())) == (640, [])
 
 
 def test_a_checkpoint_of_another_configuration(tmp_path):

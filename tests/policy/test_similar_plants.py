@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from refusals import refusal
+from swingup.controllers.registry import get_controller
 from swingup.controllers.stack.controller import policy_alone
 from swingup.loop.on_plant import drawn_around
 from swingup.plant.plant import load_plant
@@ -57,11 +58,13 @@ def test_a_similar_plants_policy_is_the_same_in_its_units(pair):
 
 def test_the_shipped_policy_is_for_similar_pendulums_of_any_size(either_robot, similar):
     plants = "C.1", similar(load_plant("C.1")), "A.0"
-    own, small, other = (dict(shipped_for(drawn_around(plant), either_robot)) for plant in plants)
-    assert small["adaptive"].plant.values() == pytest.approx(similar(own["adaptive"].plant).values())
-    assert "adaptive" not in other
-    named = refusal(load_policy, "adaptive", either_robot, "A.0")
+    own, small, other = (shipped_for(drawn_around(plant), either_robot) for plant in plants)
+    assert small.plant.values() == pytest.approx(similar(own.plant).values())
+    assert other is None
+    named = refusal(get_controller, "adaptive", either_robot, plant="A.0")
     assert re.match("policy 'adaptive': the policy can be told a base parameter B from .* train or refine", named)
+    told = get_controller("adaptive", either_robot, plant="C.0")
+    assert told.plant == load_plant("C.0").frictionless().driven(either_robot)
 
 
 @pytest.mark.parametrize("kind", [Numpy, C, pytest.param(InJax, marks=pytest.mark.slow)])

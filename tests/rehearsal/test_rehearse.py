@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import time
-from importlib import resources
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.policy.guard.settings import GuardSettings
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.plant_facts import policy_plant
-from swingup.policy.shipped import load_policy, shipped_file
+from swingup.policy.shipped import load_policy
 from swingup.rehearsal.loop import FolderController, PacedController
 from swingup.rehearsal.process import Reply
 from swingup.rehearsal.rehearse import rehearse
@@ -30,8 +29,7 @@ BOARD = LEADERBOARD
 def export(folder, form, guard=None, name="ar-eapo"):
     """A shipped policy of the acrobot as a folder."""
     policy = dataclasses.replace(load_policy(name, "acrobot"), guard=guard)
-    with resources.as_file(shipped_file("acrobot", name)) as source:
-        return export_folder(policy, source, folder, form).parent
+    return export_folder(policy, folder, form).parent
 
 
 @pytest.fixture(scope="module")

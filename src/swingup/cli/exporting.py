@@ -2,8 +2,6 @@
 
 import dataclasses
 from collections.abc import Mapping
-from importlib import resources
-from pathlib import Path
 from typing import Annotated, Any
 
 from tyro.conf import Positional, arg
@@ -25,7 +23,7 @@ from ..plant.robots import Robot
 from ..policy.guard.settings import GUARD, GuardSettings, choose_guard
 from ..policy.pendulum import PendulumPolicy
 from ..policy.plant_facts import write_plant
-from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_policy, shipped_file
+from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_policy
 from .arguments import NO_PLANT, OptionalRobot, PlantOptions, plant_of, word_of
 from .output import tell
 
@@ -81,26 +79,25 @@ def export_command(
             file's, or 20, and 50 for cloudpendulum.
         braking: damping (N m s/rad) with which the guard brakes the driven joint of a stopped controller, where the
             measurement is sound; by default the policy file's, or none.
-        plant: what a trajectory swings up; for another plant than the leaderboards' it is computed, in minutes.
+        plant: what adaptive begins with, in that plant's units, where that is within what it was taught; or what a
+            trajectory swings up: for another plant than the leaderboards' it is computed, in minutes.
         seed: compute the trajectory, shipped or not, from first torques of this seed.
     """
     if to == TRAJECTORY:
         return _export_trajectory(policy, robot, out, plant, seed)
-    if plant or seed is not None:
-        raise SwingupError(f"--{'plant' if plant else 'seed'} goes with --to trajectory: leave it out")
+    if seed is not None:
+        raise SwingupError("--seed goes with --to trajectory: leave it out")
     if policy in BASELINES:
         raise SwingupError(
             f"{policy!r} is a baseline, which has no policy file: swingup.RealAIGymController runs it, and "
             f"--to trajectory writes its swing-up with gains"
         )
-    found = load_policy(policy, robot)
+    found = load_policy(policy, robot, plant_of(plant) if plant else None)
     changes = {"velocity_limit": velocity_limit, "braking": braking}
     found = dataclasses.replace(found, guard=_guard(found, to, guard, changes))
     if to in FOLDERS:
-        file = shipped_file(found.robot, policy) if policy in SHIPPED_POLICIES else Path(policy)
-        with resources.as_file(file) as source:
-            notes = cloudpendulum_notes(found) if to == "cloudpendulum" else []
-            tell(str(export_folder(found, source, out, to, name, username)), *notes)
+        notes = cloudpendulum_notes(found) if to == "cloudpendulum" else []
+        tell(str(export_folder(found, out, to, name, username)), *notes)
         return 0
     write_atomically(out, onnx_model(found) if to == "onnx" else c_header(found, name).encode())
     tell(out)

@@ -28,7 +28,7 @@ from ..loop.on_plant import drawn_around, loop_around, plant_as_domain
 from ..plant.plant import LEADERBOARD, Plant
 from ..plant.robots import Robot
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
-from ..policy.shipped import AR_EAPO, load_policy
+from ..policy.shipped import ADAPTIVE, AR_EAPO, load_policy
 from ..refine.plant_draws import RECORDED
 from ..refine.recipe import ADAPT, RECIPES, RefinementReport, first_plant, run_recipe, shipped_for, wrapped_policy
 from ..report.log_report import report_adaptation
@@ -104,16 +104,12 @@ def refine_command(
         tell(f"wrote {out}: judge it with {command_line('evaluate', robot.name, controller=out, **plant)}")
         return 0
     begun, (around, file) = time.monotonic(), adapted_domain(plant, domain, out)
-    taken, kept, best = "trained for it", -1, None
-    for name, shipped in shipped_for(around, robot) if policy is None else ():
-        origin = {"version": __version__, "command": command, "base": {"policy": name}}
+    shipped, kept = shipped_for(around, robot) if policy is None else None, 0
+    origin = {"version": __version__, "command": command, "base": {"policy": ADAPTIVE}}
+    if shipped is not None:
         write_pendulum_policy(out, shipped, origin)
-        held = _judged(robot, out, around, CHOICE, seeds).successes
-        tell(f"{name} as shipped, in this pendulum's units: {held} of {seeds} draws")
-        if held > kept:
-            taken, kept, best = f"{name} as shipped", held, (shipped, origin)
-        if held >= ENOUGH * seeds:
-            break
+        kept = _judged(robot, out, around, CHOICE, seeds).successes
+        tell(f"{ADAPTIVE} as shipped, in this pendulum's units: {kept} of {seeds} draws")
     if kept < ENOUGH * seeds:
         base = policy
         if base is None:
@@ -123,20 +119,19 @@ def refine_command(
             base = str(run.folder / BEST)
         with Progress() as progress:
             _refine(load_policy(base, robot), out, recipe, seed, command, progress, domain=around)
-        if best is not None:
+        if shipped is not None:
             trained = _judged(robot, out, around, CHOICE, seeds).successes
             tell(f"trained for them: {trained} of {seeds} draws")
             if trained < kept:
-                write_pendulum_policy(out, *best)
-            else:
-                taken = "trained for it"
+                write_pendulum_policy(out, shipped, origin)
+                tell(f"{out} has the shipped one")
     result = _judged(robot, out, around, SEED, seeds)
     if page is not None:
         save_log_report(report_adaptation(around, result), page)
     again = command_line("evaluate", robot.name, board="sim2real", controller=out, domain=file)
     tell(
         *result_lines(result, out),
-        f"wrote {out}, {taken}, in {duration(time.monotonic() - begun)}: judge it on other draws with {again}",
+        f"wrote {out} in {duration(time.monotonic() - begun)}: judge it on other draws with {again}",
     )
     return 0
 

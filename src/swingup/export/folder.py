@@ -16,7 +16,7 @@ from ..common.files import behind_links, write_atomically
 from ..common.text import quoted
 from ..common.version import __version__
 from ..policy.guard.settings import GuardSettings, default_guard
-from ..policy.pendulum import PendulumPolicy
+from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
 
 NAME = "swingup"
 """Name of an export unless another one is given."""
@@ -65,7 +65,7 @@ ABOUT = f'"""What a policy needs to run, copied from swingup {__version__} (Apac
 
 
 def export_folder(
-    policy: PendulumPolicy, source: Path, folder: str | Path, form: str, name: str = NAME, username: str = "swingup"
+    policy: PendulumPolicy, folder: str | Path, form: str, name: str = NAME, username: str = "swingup"
 ) -> Path:
     """Write a folder, whole or not at all, and say which file is the entry's.
 
@@ -92,7 +92,7 @@ def export_folder(
                 _write(package / file, root.joinpath(*file.split("/")).read_bytes())
             # Not this package's own, which offers what the folder lacks.
             _write(package / "__init__.py", ABOUT.encode())
-            _write(package / "policy.safetensors", source.read_bytes())
+            write_pendulum_policy(package / "policy.safetensors", policy, policy.metadata)
             _write(made / entry, _filled(f"{form}.py.txt", values | _entry_values(policy, username)))
             _write(made / readme, _filled(f"{form}.md", values))
             # Empty, as tested above. The move would otherwise go inside it.

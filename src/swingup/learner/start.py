@@ -65,13 +65,14 @@ def resume_run(folder: str | Path, frames: int | None = None, env: Any = None) -
     Raises:
         SwingupError: the folder is not a run's, has no checkpoint, or its checkpoint is of another configuration.
     """
-    settings, goal = read_run_settings(Path(folder))
-    goal = whole_number("frames", goal if frames is None else frames, 1)
+    settings, before = read_run_settings(Path(folder))
+    goal = whole_number("frames", before if frames is None else frames, 1)
     place = RunFolder(folder)
     source = f"the newest checkpoint in {place.checkpoints}"
     backend, progress = _restored(settings, place.load_checkpoint, source, env)
     run = Run(settings, backend, progress, goal, place)
-    if frames is not None and goal < run.frames:
+    # The last chunk may have gone beyond the goal: the same one is still reached.
+    if goal < min(before, run.frames):
         raise SwingupError(f"frames = {goal}, but {folder} stands at {run.frames} already: ask for more")
     on_disk = place.best(settings, backend.evaluator.measure)
     # A policy may be newer than the checkpoint; a worse one must not replace it.

@@ -19,8 +19,6 @@ AR_EAPO = "ar-eapo"
 GLOBAL = "global"
 """Trained to recover from throws."""
 
-FINDERS = (ADAPTIVE,)
-"""Those that begin with any plant of a range, the one of the narrower range first."""
 SHIPPED_POLICIES = (ADAPTIVE, AR_EAPO, GLOBAL)
 """Names of the shipped policies, which are those of their controllers and of their files."""
 DEFAULT = ADAPTIVE

@@ -3,7 +3,7 @@
 import dataclasses
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -26,7 +26,7 @@ from ..policy.network.stages import stages_for
 from ..policy.pendulum import PendulumPolicy
 from ..policy.plant_facts import plant_difference, policy_plant
 from ..policy.regulator.settings import RegulatorSettings
-from ..policy.shipped import FINDERS, load_policy
+from ..policy.shipped import ADAPTIVE, load_policy
 from .analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings, with_actor
 from .distillation import Progress, distil
 from .distillation_settings import DistillationSettings
@@ -186,17 +186,15 @@ def on_plant(controller: PolicyController, plant: Plant) -> PolicyController:
     return dataclasses.replace(controller, policy=policy, plant=plant, torque_limit=limit)
 
 
-def shipped_for(domain: Domain, robot: Robot) -> Iterator[tuple[str, PendulumPolicy]]:
-    """The shipped policies that a domain's first plant is not beyond, with their names, the narrower one first."""
-    plant, limit = first_plant(domain, robot), float(domain.high.loop.passive_limit)
-    for name in FINDERS:
-        try:
-            found = load_policy(name, robot, plant)
-        except SwingupError:
-            continue
-        assert found.identifier is not None  # it finds its plant
-        identifier = dataclasses.replace(found.identifier, passive_limit=limit)
-        yield name, dataclasses.replace(found, identifier=identifier)
+def shipped_for(domain: Domain, robot: Robot) -> PendulumPolicy | None:
+    """The shipped ``adaptive`` in the units of a domain's plants; None where their first one is beyond it."""
+    try:
+        found = load_policy(ADAPTIVE, robot, first_plant(domain, robot))
+    except SwingupError:
+        return None
+    assert found.identifier is not None  # it finds its plant
+    identifier = dataclasses.replace(found.identifier, passive_limit=float(domain.high.loop.passive_limit))
+    return dataclasses.replace(found, identifier=identifier)
 
 
 def wrapped_policy(controller: PolicyController, passive_limit: float | None = None) -> PendulumPolicy:
