@@ -27,9 +27,9 @@ from swingup.tasks.acrobot_swingup import ACTION_REPEAT, MJCF, TORQUES, AcrobotS
 ID, PRESET = "swingup/AcrobotSwingup-v0", "acrobot"
 EPISODES, STEPS = 128, 1000
 """Of a judgement in MuJoCo; their seeds are not those of training."""
-EVERY, JUDGEMENTS = 610 * get_preset(PRESET).config.rollout_size, 10
-"""Actions between judgements, nearly 5 million, and how many there are: the preset's run. In MuJoCo an action lasts
-for one step."""
+EVERY, JUDGEMENTS = 1220 * get_preset(PRESET).config.rollout_size, 10
+"""Actions between judgements, nearly 10 million, and how many there are: the preset's run. In MuJoCo an action
+lasts for one step."""
 COLUMNS = ("frames", "scores", "seconds")
 
 

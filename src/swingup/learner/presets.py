@@ -74,9 +74,9 @@ PRESETS = {
             num_epochs=6, batch_size=512, policy_layers=(64, 64), value_layers=(64, 64), temperature=0.015,
             # Standing and falling are two closed classes of states, whose values would part without bound.
             gain="none", discount=(0.996, 0.996), gae_lambda=(0.97, 0.9), clip_range=0.2, learning_rate=6e-4,
-            schedule="anneal", schedule_frames=50_000_000,
+            schedule="anneal", schedule_frames=100_000_000,
         ),
-        50_000_000,
+        100_000_000,
     ),
     "ppo": Preset(
         "discounted rewards, no entropy (PPO, arXiv 1707.06347), with the sizes that Stable-Baselines3 gives it",
