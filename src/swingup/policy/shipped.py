@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..common.arrays import SUFFIX
 from ..common.checks import one_of
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, naming
 from ..common.text import quoted
 from ..plant.plant import PlantLike, load_plant
 from ..plant.robots import Robot, get_robot
@@ -60,10 +60,8 @@ def load_policy(
             plant.
     """
     found, on = _read(source, robot), None if plant is None else load_plant(plant)
-    try:
+    with naming(f"policy {quoted(str(source))}"):
         return found if on is None else for_plant(found, on)
-    except SwingupError as error:
-        raise SwingupError(f"policy {quoted(str(source))}: {error}") from error
 
 
 def _read(source: str | Path, robot: Robot | str | None) -> PendulumPolicy:
