@@ -1,6 +1,7 @@
 """The continuing MuJoCo tasks: reward rates while training, beside published ones of PPO.
 
 Usage: python benchmarks/continuing.py [TASK ...] [--frames 1000000] [--seeds 1] [--first-seed 2] [--study FILE]
+[--reset-cost 10] [--claims]
 
 TASK is a name of `swingup.continuing.CONTINUING`, such as Ant; default: all ten. Needs swingup[mujoco].
 
@@ -10,15 +11,21 @@ the deterministic rate over 10,000 steps. `--seeds 0` trains nothing and shows w
 
 Prints a table in Markdown. "Ours" is the mean rate over all steps, as in the table of reward centring in arXiv
 2501.06937, which has the figures of PPO.
+
+With another cost of a reset the published figures do not compare. `--claims` also trains every change of `CHANGES`
+with the same seeds, and prints a verdict on each claim: how much of the way from random actions to centred PPO a
+run loses with the change.
 """
 
 import argparse
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 
+import gymnasium
 import numpy as np
-from study import Curve, Study
+from study import Curve, Study, verdict
 
 from swingup import AREAPO
 from swingup.continuing import CONTINUING
@@ -40,15 +47,36 @@ PUBLISHED = {
 """Random actions; PPO; PPO with TD reward centring: means over the first million steps."""
 
 
-def train(task: str, seed: int, frames: int) -> tuple[list[tuple[float, ...]], float]:
+class Change(NamedTuple):
+    """What a run lacks or has instead, to test a claim."""
+
+    claim: str
+    hyperparameters: Mapping[str, Any]
+    env: Mapping[str, float] = {}
+    """Arguments of the environment. Rates are less its offset."""
+
+
+CHANGES = {
+    "temperature-0": Change("entropy decides", {"temperature": 0.0}),
+    "discounted": Change(
+        "average reward decides", {"gain": "none", "discount": (0.99, 0.99), "centre_values": False}
+    ),
+    "offset-1000": Change("a constant of 1,000 in the rewards matters", {}, {"reward_offset": 1000.0}),
+}
+RELEVANT = 0.1
+"""A difference that matters, of the way from random actions to centred PPO."""
+
+
+def train(task: str, seed: int, frames: int, change: Change) -> tuple[list[tuple[float, ...]], float]:
     """A run's points, and the deterministic rate of its last policy."""
     points: list[tuple[float, ...]] = []
+    offset = change.env.get("reward_offset", 0.0)
     start = time.perf_counter()
 
     def note(_: AREAPO, report: TrainingReport) -> None:
         row = report.rows[0]
         seconds, resets = time.perf_counter() - start, 1000 * row["termination_rate"]
-        points.append((report.frames, round(row["reward"], 4), round(seconds, 1), round(resets, 2)))
+        points.append((report.frames, round(row["reward"] - offset, 4), round(seconds, 1), round(resets, 2)))
         if report.frames % (10 * EVERY) == 0:
             rate = np.mean([point[1] for point in points[-10:]])
             print(
@@ -57,16 +85,23 @@ def train(task: str, seed: int, frames: int) -> tuple[list[tuple[float, ...]], f
 
     # A checkpoint would reset the environments, and evaluations while training are not needed.
     model = AREAPO(
-        f"swingup/Continuing{task}-v0",
+        lambda: gymnasium.make(f"swingup/Continuing{task}-v0", **change.env),
         seed=seed,
         evaluate_every=EVERY,
         checkpoint_every=frames,
         evaluation_episodes=0,
+        **change.hyperparameters,
     )
     model.learn(frames, note)
-    deterministic = model.evaluate(DETERMINISTIC_STREAMS)["reward_rate"]
+    deterministic = model.evaluate(DETERMINISTIC_STREAMS)["reward_rate"] - offset
     model.close()
     return points, deterministic
+
+
+def shares(task: str, curves: Sequence[Curve]) -> list[float]:
+    """Mean rate of each run, of the way from random actions (0) to centred PPO (1)."""
+    random, _, centred = PUBLISHED[task]
+    return [(float(np.mean(curve["scores"])) - random) / (centred - random) for curve in curves]
 
 
 def row_of(task: str, curves: Sequence[Curve]) -> str:
@@ -76,7 +111,7 @@ def row_of(task: str, curves: Sequence[Curve]) -> str:
         return f"| {task} | {random} | {ppo} | {centred} | not run | | | | | |"
     means = [float(np.mean(curve["scores"])) for curve in curves]
     last = [float(np.mean(curve["scores"][-10:])) for curve in curves]
-    share = (np.mean(means) - random) / (centred - random)
+    share = np.mean(shares(task, curves))
     numbers = [
         f"**{np.mean(means):.3f}**" if share > 1 else f"{np.mean(means):.3f}", f"{100 * share:.0f} %",
         f"{np.mean(last):.3f}", f"{np.mean([curve['deterministic'] for curve in curves]):.3f}",
@@ -95,12 +130,19 @@ def main() -> None:
     # Seeds 0 and 1 were seen while settings were chosen.
     parser.add_argument("--first-seed", type=int, default=2, help="seeds are this one and those that follow")
     parser.add_argument("--study", type=Path, default=Path("benchmarks/runs/continuing.jsonl"))
+    parser.add_argument("--reset-cost", type=float, default=10.0)
+    parser.add_argument("--claims", action="store_true")
     options = parser.parse_args()
+    usual = options.reset_cost == 10.0
+    whole = Change("", {}, {} if usual else {"reset_cost": options.reset_cost})
+    base = [] if usual else [f"cost {options.reset_cost:g}"]
+    changes = CHANGES if options.claims else {}
     for seed in range(options.first_seed, options.first_seed + options.seeds):
         for task in options.tasks:
-            if not Study(options.study).has([task], seed):
-                points, deterministic = train(task, seed, options.frames)
-                Study(options.study).add([task], seed, points, COLUMNS, deterministic=round(deterministic, 4))
+            for run, change in [([task, *base], whole), *(([task, name], changes[name]) for name in changes)]:
+                if not Study(options.study).has(run, seed):
+                    points, deterministic = train(task, seed, options.frames, change)
+                    Study(options.study).add(run, seed, points, COLUMNS, deterministic=round(deterministic, 4))
     study = Study(options.study)
     heads = [
         "task",
@@ -115,7 +157,12 @@ def main() -> None:
     print(f"\n| {' | '.join([*heads, 'resets', 'seeds'])} |")
     print("|---" + "|---:" * (len(heads) + 1) + "|")
     for task in options.tasks:
-        print(row_of(task, study.of(task)))
+        print(row_of(task, study.of(task, *base)))
+    for name, change in changes.items():
+        print(f"\n| {change.claim} (less `{name}`) | difference (95 %) | verdict |\n|---|---|---|")
+        for task in options.tasks:
+            both = (shares(task, study.of(*run)) for run in ([task, *base], [task, name]))
+            print(f"| {task} | {verdict(*both, RELEVANT)} |")
 
 
 if __name__ == "__main__":

@@ -23,7 +23,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from gymnasium import Env
 from peer_settings import WIDE, ZOO
 from study import MISSING, Study, cell, draw, improvement, measured
 
@@ -88,7 +87,6 @@ def sb3_zoo(task: str, seed: int, frames: int) -> Iterator[Point]:
 
 def trained_sb3(
     task: str, seed: int, frames: int, envs: int, settings: Mapping[str, Any], scale_rewards: bool = True,
-    wrapper: Callable[[Env[Any, Any]], Env[Any, Any]] | None = None,
 ) -> Iterator[Point]:  # fmt: skip
     """Stable-Baselines3's PPO with some settings, on normalised observations and, unless told, rewards."""
     from stable_baselines3 import PPO
@@ -96,9 +94,9 @@ def trained_sb3(
     from stable_baselines3.common.evaluation import evaluate_policy
     from stable_baselines3.common.vec_env import VecNormalize
 
-    env = make_vec_env(task, envs, seed=seed, wrapper_class=wrapper)
+    env = make_vec_env(task, envs, seed=seed)
     env = VecNormalize(env, norm_reward=scale_rewards, gamma=settings.get("gamma", 0.99))
-    judge = make_vec_env(task, 1, seed=seed + 1000, wrapper_class=wrapper)
+    judge = make_vec_env(task, 1, seed=seed + 1000)
     judge = VecNormalize(judge, training=False, norm_reward=False)
     judge.obs_rms = env.obs_rms
     model = PPO("MlpPolicy", env, **settings, seed=seed, device="cpu")

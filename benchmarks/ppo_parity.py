@@ -3,13 +3,10 @@
 Usage: python benchmarks/ppo_parity.py [--frames 122880] [--seeds 10] [--study FILE]
 
 Needs swingup[mujoco] and stable-baselines3. Both have the peer's defaults with 8 environments of 256 steps,
-normalised observations and plain rewards. Ours differs in its distribution: it squashes actions by tanh, where the
-peer clips them. sb3-ppo-tanh is the peer on the task with tanh before its actions, so that both have one
-distribution; tasks with discrete actions have no such row. Finished runs are lines of the study's file and are not
-repeated.
+normalised observations and plain rewards. Finished runs are lines of the study's file and are not repeated.
 
 Prints, for each task, the mean returns of the last of 20 evaluations and of all of them: the interquartile means
-over the seeds, and for each peer the ratio of ours to its own, with a 95 % bootstrap interval.
+over the seeds, and the ratio of ours to the peer's, with a 95 % bootstrap interval.
 """
 
 import argparse
@@ -18,10 +15,6 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-import numpy as np
-from gymnasium import Env
-from gymnasium.spaces import Box
-from gymnasium.wrappers import TransformAction
 from mujoco_learning import ENVS, STEPS, Point, trained_areapo, trained_sb3
 from numpy.typing import ArrayLike
 from study import Study, cell
@@ -39,22 +32,8 @@ def peers(task: str, seed: int, frames: int) -> Iterator[Point]:
     yield from trained_sb3(task, seed, frames, ENVS, {"n_steps": STEPS}, scale_rewards=False)
 
 
-def squashed_peers(task: str, seed: int, frames: int) -> Iterator[Point]:
-    """The peer's defaults, its actions squashed by tanh."""
-    yield from trained_sb3(task, seed, frames, ENVS, {"n_steps": STEPS}, scale_rewards=False, wrapper=squashed)
-
-
-def squashed(env: Env[Any, Any]) -> Env[Any, Any]:
-    """The environment with tanh before its actions, for a space from -1 to 1."""
-    bounds = Box(-10.0, 10.0, env.action_space.shape)  # the peer wants some; tanh is 1 there
-    return TransformAction(env, np.tanh, bounds)
-
-
-LEARNERS: dict[str, Callable[[str, int, int], Iterator[Point]]] = {
-    "swingup-ppo": ours, "sb3-ppo": peers, "sb3-ppo-tanh": squashed_peers,
-}  # fmt: skip
-TASKS = {"CartPole-v1": ("swingup-ppo", "sb3-ppo"), "InvertedDoublePendulum-v5": tuple(LEARNERS)}
-"""Learners by task; the squashed peer needs actions that are continuous."""
+LEARNERS: dict[str, Callable[[str, int, int], Iterator[Point]]] = {"swingup-ppo": ours, "sb3-ppo": peers}
+TASKS = ("CartPole-v1", "InvertedDoublePendulum-v5")
 RETURNS = {"last evaluation": lambda scores: scores[-1], "all evaluations": fmean}
 """What stands for a run, of the returns of its evaluations."""
 
@@ -77,8 +56,8 @@ def main() -> None:
     parser.add_argument("--study", type=Path, default=Path("benchmarks/runs/ppo-parity.jsonl"))
     options = parser.parse_args()
     for seed in range(options.seeds):
-        for task, names in TASKS.items():
-            for name in names:
+        for task in TASKS:
+            for name in LEARNERS:
                 if not Study(options.study).has([task, name], seed):
                     points = list(LEARNERS[name](task, seed, options.frames))
                     Study(options.study).add([task, name], seed, points)
@@ -87,12 +66,10 @@ def main() -> None:
                     )
     study = Study(options.study)
     print(f"\n| {options.frames:,} frames, {options.seeds} seeds | swingup-ppo | peer | ratio |\n|---|---|---|---|")
-    for task, (own, *others) in TASKS.items():
+    for task in TASKS:
         for what, summary in RETURNS.items():
-            mine = [summary(curve["scores"]) for curve in study.of(task, own)]
-            for name in others:
-                theirs = [summary(curve["scores"]) for curve in study.of(task, name)]
-                print(f"| {task}, {what} | {cell(mine, 0)} | {name}: {cell(theirs, 0)} | {ratio(mine, theirs)} |")
+            mine, theirs = ([summary(curve["scores"]) for curve in study.of(task, name)] for name in LEARNERS)
+            print(f"| {task}, {what} | {cell(mine, 0)} | {cell(theirs, 0)} | {ratio(mine, theirs)} |")
 
 
 if __name__ == "__main__":

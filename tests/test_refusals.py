@@ -65,9 +65,9 @@ def usually(call, **usual):
     return entry
 
 
-def tanh_policy():
+def shipped_with(**changes):
     policy = load_policy("ar-eapo", "acrobot")
-    return dataclasses.replace(policy, network=dataclasses.replace(policy.network, activation="tanh"))
+    return dataclasses.replace(policy, network=dataclasses.replace(policy.network, **changes))
 
 
 def interval(scores=(1.0,), resamples=10):
@@ -180,7 +180,8 @@ TOGETHER = {
     "= 0 N m must be positive": lambda: get_task("smooth", ACROBOT, load_plant("C.1").changed(tl1=0.0, tl2=0.0)),
     "in plain Python: call it as it is": lambda: loop_controller(get_controller("math:sin", "acrobot"), "acrobot"),
     "the acrobot, not the pendubot": lambda: loop_controller(get_controller("lqr", "acrobot"), "pendubot"),
-    "runs hidden layers of ReLU": lambda: c_header(tanh_policy()),
+    "runs hidden layers of ReLU": lambda: c_header(shipped_with(activation="tanh")),
+    "bounds actions by tanh, not by 'clip'": lambda: c_header(shipped_with(bounds="clip")),
     "has no resets to choose": lambda: gymnasium.make("swingup/ContinuingSwimmer-v0", resets="chosen"),
     "an environment that was passed in serves one": lambda: AREAPO(Noisy(), seeds=2, **TINY),
     "report of no robot": lambda: render_page([]),

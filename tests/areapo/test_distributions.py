@@ -10,7 +10,7 @@ from policies import load_any_policy
 from refusals import refusal
 from swingup.areapo import initial
 from swingup.areapo.initial import init_actor
-from swingup.areapo.networks import Categoricals, SquashedGaussian
+from swingup.areapo.networks import BoundedGaussian, Categoricals
 from swingup.controllers.stack.policy import Policy, save_policy
 from swingup.tasks.observation import NormaliseStage
 
@@ -88,7 +88,7 @@ def log_probs(distribution, z):
 @pytest.mark.parametrize(("mean", "log_std"), [(0.0, -1.0), (0.7, -2.0), (-1.2, 0.3), (0.0, 1.0)])
 def test_density_integrates_to_one(mean, log_std):
     with jax.enable_x64(True):
-        distribution = SquashedGaussian(np.array([mean]), np.array([log_std]))
+        distribution = BoundedGaussian(np.array([mean]), np.array([log_std]))
         # With a = tanh(z) the integral over [-1, 1] is one over z, which a plain sum resolves.
         z = np.linspace(-40.0, 40.0, 400_001)
         integral = np.sum(np.exp(log_probs(distribution, z)) / np.cosh(z) ** 2) * (z[1] - z[0])
@@ -96,28 +96,32 @@ def test_density_integrates_to_one(mean, log_std):
 
 
 def test_entries_are_independent():
-    distribution = SquashedGaussian(np.float32([0.3, -0.5]), np.float32([-1.0, 0.2]))
+    distribution = BoundedGaussian(np.float32([0.3, -0.5]), np.float32([-1.0, 0.2]))
     z = np.float32([0.1, 0.4])
-    parts = [SquashedGaussian(distribution.mean[i : i + 1], distribution.log_std[i : i + 1]) for i in (0, 1)]
+    parts = [BoundedGaussian(distribution.mean[i : i + 1], distribution.log_std[i : i + 1]) for i in (0, 1)]
     total = sum(float(log_prob(part, z[i : i + 1])) for i, part in enumerate(parts))
     assert log_prob(distribution, z) == pytest.approx(total, rel=1e-6)
 
 
 def test_log_prob_of_numbers_by_hand():
     # Standard normal at z = 0: log N = -log sqrt(2π); tanh has slope 1 there.
-    distribution = SquashedGaussian(np.zeros(1, np.float32), np.zeros(1, np.float32))
+    distribution = BoundedGaussian(np.zeros(1, np.float32), np.zeros(1, np.float32))
     assert log_prob(distribution, np.float32([0])) == pytest.approx(-0.5 * np.log(2 * np.pi), rel=1e-6)
     # At z = 1 log N falls by 1/2 and the slope is 1 - tanh(1)².
     expected = -0.5 * np.log(2 * np.pi) - 0.5 - np.log(1 - np.tanh(1.0) ** 2)
     assert log_prob(distribution, np.float32([1])) == pytest.approx(expected, rel=1e-6)
+    # A clipped action has the density of z.
+    clipped = BoundedGaussian(np.zeros(1, np.float32), np.zeros(1, np.float32), "clip")
+    assert log_prob(clipped, np.float32([2])) == pytest.approx(-0.5 * np.log(2 * np.pi) - 2.0, rel=1e-6)
+    np.testing.assert_array_equal(clipped.action(np.float32([-3.0, 0.25, 1.5])), [-1.0, 0.25, 1.0])
     # 1 - tanh(z)² → 4 e^(-2z) far out, where tanh(z) rounds to 1 in float32.
-    distribution = SquashedGaussian(np.float32([15.0]), np.zeros(1, np.float32))
+    distribution = BoundedGaussian(np.float32([15.0]), np.zeros(1, np.float32))
     expected = -0.5 * np.log(2 * np.pi) - (np.log(4.0) - 2 * 15.0)
     assert log_prob(distribution, np.float32([15])) == pytest.approx(expected, rel=1e-6)
 
 
 def test_samples_follow_the_density():
-    distribution = SquashedGaussian(np.float32([0.4]), np.float32([-0.5]))
+    distribution = BoundedGaussian(np.float32([0.4]), np.float32([-0.5]))
 
     @jax.jit
     def draw(key):

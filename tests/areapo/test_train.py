@@ -243,11 +243,11 @@ def test_the_learning_rate_follows_the_kl_divergence(collected):
 
 
 def test_actions_share_the_first_deviation():
-    """(2 / m)^(4/3): four actions have 2^(-4/3) each; no more than 1, no less than 0.15."""
+    """(3 / m)²: four actions have 9/16 each; no more than 1, no less than 0.15."""
     config = dataclasses.replace(CONFIG, log_std_init=0.0, deviation="shared")
     first = jax.jit(lambda key: init_learner(key, Spaces(3, 4), config).actor(jnp.zeros(3)))(jax.random.key(0))
-    np.testing.assert_allclose(first.log_std, -4 / 3 * np.log(2.0), rtol=1e-5)
-    assert [std_share(actions) for actions in (1, 2, 17)] == [1.0, 1.0, 0.15]
+    np.testing.assert_allclose(first.log_std, np.log(9 / 16), rtol=1e-5)
+    assert [std_share(actions) for actions in (1, 3, 17)] == [1.0, 1.0, 0.15]
 
 
 def test_table_one():

@@ -183,18 +183,18 @@ BY_HAND = {
 }
 
 
-def of_kind(activation):
-    """The small controller with another activation."""
+def of_kind(activation, bounds="tanh"):
+    """The small controller with another activation and other bounds."""
     controller = small_policy()
     actor = controller.policy.actor
-    actor = Actor(actor.trunk, activation, actor.mean_head, actor.std_head)
+    actor = Actor(actor.trunk, activation, actor.mean_head, actor.std_head, bounds)
     return dataclasses.replace(controller, policy=Policy(controller.policy.stages, actor))
 
 
-@pytest.mark.parametrize("activation", BY_HAND)
-def test_a_policy_file_in_jax_and_in_numpy(tmp_path, activation):
+@pytest.mark.parametrize(("activation", "bounds"), [*((name, "tanh") for name in BY_HAND), ("tanh", "clip")])
+def test_a_policy_file_in_jax_and_in_numpy(tmp_path, activation, bounds):
     """Both back ends compute what is written here by hand, from a file."""
-    save_controller(tmp_path / "p.safetensors", of_kind(activation), {})
+    save_controller(tmp_path / "p.safetensors", of_kind(activation, bounds), {})
     found, states = read_pendulum_policy(tmp_path / "p.safetensors"), random_states()[:5]
     numpy, network = numpy_controller(found), found.network
     loaded, _ = lone_policy(tmp_path / "p.safetensors", "pendubot")
@@ -204,7 +204,8 @@ def test_a_policy_file_in_jax_and_in_numpy(tmp_path, activation):
     for layer in network.trunk:
         features = features @ layer.weight.T.astype(float) + layer.bias
         features = np.vectorize(BY_HAND[activation])(features)
-    expected = 3.0 * np.tanh(features @ network.head.weight[0].astype(float) + network.head.bias[0])
+    means = features @ network.head.weight[0].astype(float) + network.head.bias[0]
+    expected = 3.0 * (np.tanh(means) if bounds == "tanh" else np.clip(means, -1.0, 1.0))
     np.testing.assert_allclose([numpy(x, 0.0)[0] for x in states], expected, atol=1e-12)
     np.testing.assert_allclose(judged, expected, atol=1e-12)
     assert np.ptp(expected) > 0.01

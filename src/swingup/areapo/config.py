@@ -65,11 +65,12 @@ class Config(eqx.Module):
     activation: Activation = _word("relu", Activation)
     """Activation of all hidden layers: relu, tanh, elu, silu or gelu. C, ONNX and pages run relu alone."""
     deviation: Deviation = _word("state", Deviation)
-    """What the standard deviation of continuous actions is. state: it depends on the state, as in the paper;
-    action: each action has one that learns, as in Stable-Baselines3 and CleanRL; shared: the same, and each
-    of m actions begins with (2 / m)^(4/3) of it, a share from 0.15 to 1. Discrete actions have none."""
+    """What the standard deviation of continuous actions is. state: it depends on the state, and tanh bounds
+    actions, as in the paper; action: each action has one that learns, and is clipped, as in Stable-Baselines3 and
+    CleanRL; shared: the same, and each of m actions begins with (3 / m)² of it, a share from 0.15 to 1. Discrete
+    actions have none."""
     log_std_init: float = _number(-1.0, -20.0, 2.0)
-    """Logarithm of the policy's initial standard deviation (before tanh)."""
+    """Logarithm of the policy's initial standard deviation (before the bounds)."""
     temperature: float = _number(2.0, 0.0, HUGE)
     """Temperature τ of the entropy reward -τ log π."""
     discount: Pair = _number((1.0, 1.0), 0.0, 1.0)

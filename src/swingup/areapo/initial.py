@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..common.types import Key
-from ..policy.network.layers import RELU, Activation
+from ..policy.network.layers import RELU, TANH, Activation, Bounds
 from ..tasks.task import Spaces
 from .config import Config
 from .networks import AbstractActor, Actor, CategoricalActor, Critic, Linear
@@ -26,8 +26,8 @@ def init_learner(key: Key, spaces: Spaces, config: Config) -> LearnerState:
     if spaces.choices:
         actor = init_categorical_actor(actor_key, size, spaces.choices, layers, activation)
     else:
-        log_std, by_state = config.log_std_init + math.log(share), config.deviation == "state"
-        actor = init_actor(actor_key, size, spaces.action_size, layers, log_std, activation, by_state)
+        log_std, bounds = config.log_std_init + math.log(share), TANH if config.deviation == "state" else "clip"
+        actor = init_actor(actor_key, size, spaces.action_size, layers, log_std, activation, bounds)
     critic = init_critic(critic_key, size, config.value_layers, activation)
     return LearnerState(
         actor=actor,
@@ -49,11 +49,11 @@ def init_learner(key: Key, spaces: Spaces, config: Config) -> LearnerState:
 
 
 def std_share(actions: int) -> float:
-    """The share of the initial standard deviation that each of m actions has: (2 / m)^(4/3), from 0.15 to 1.
+    """The share of the initial standard deviation that each of m actions has: (3 / m)², from 0.15 to 1.
 
     With more, an ant's eight joints throw it onto its back, and where it goes says nothing of single actions.
     """
-    return max(0.15, min(1.0, (2 / actions) ** (4 / 3)))
+    return max(0.15, min(1.0, (3 / actions) ** 2))
 
 
 def begin_episodes(state: LearnerState, observations: Float[Array, "envs n"]) -> LearnerState:
@@ -86,21 +86,21 @@ def init_actor(
     layers: tuple[int, ...],
     log_std_init: float,
     activation: Activation = RELU,
-    state_dependent_std: bool = True,
+    bounds: Bounds = TANH,
 ) -> Actor:
     """An actor whose mean starts near 0 and whose σ starts at exp(log_std_init)."""
     trunk_key, mean_key, std_key = jax.random.split(key, 3)
     # The inverse of softplus, so that log softplus(std_bias) = log_std_init.
-    std_bias = jnp.log(jnp.expm1(jnp.exp(log_std_init)))
+    std_bias = jnp.log(jnp.expm1(jnp.exp(log_std_init))) if bounds == TANH else log_std_init
     # Normal weights instead of orthogonal ones, as in the authors' code.
-    std_scale = 0.01 if state_dependent_std else 0.0
+    std_scale = 0.01 if bounds == TANH else 0.0
     std_weight = std_scale * jax.random.normal(std_key, (action_size, layers[-1]))
     return Actor(
         trunk=_init_trunk(trunk_key, observation_size, layers),
         activation=activation,
         mean_head=_init_linear(mean_key, layers[-1], action_size, 0.01),
         std_head=Linear(std_weight, jnp.zeros(action_size) + std_bias),
-        state_dependent_std=state_dependent_std,
+        bounds=bounds,
     )
 
 

@@ -19,7 +19,7 @@ from jaxtyping import Array, Float, Int, Shaped
 
 from ..common.errors import SwingupError
 from ..common.types import Key
-from ..policy.network.layers import FLOAT32_SUM_WIDTH, RELU, Activation
+from ..policy.network.layers import FLOAT32_SUM_WIDTH, RELU, TANH, Activation, Bounds
 
 LOG_STD_RANGE = (-20.0, 2.0)
 """Range to which log σ is clamped (authors' code)."""
@@ -33,7 +33,7 @@ ACTIVATIONS: dict[Activation, Callable[[Array], Array]] = {
     "gelu": jax.nn.gelu,
 }
 """By their names in policy files; ``gelu`` is the approximation by tanh, which needs no error function."""
-
+BOUNDS: dict[Bounds, Callable[[Array], Array]] = {"tanh": jnp.tanh, "clip": lambda z: jnp.clip(z, -1.0, 1.0)}
 
 _LOG_2 = math.log(2.0)
 _LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
@@ -55,27 +55,29 @@ class AbstractDistribution(eqx.Module):
         """The task's action for a latent."""
 
 
-class SquashedGaussian(AbstractDistribution):
-    """Distribution of a = tanh(z) on [-1, 1], z ~ N(mean, exp(log_std)²), entries independent."""
+class BoundedGaussian(AbstractDistribution):
+    """Distribution of a = tanh(z) or clip(z) in [-1, 1], z ~ N(mean, exp(log_std)²), entries independent."""
 
     mean: Float[Array, "m *batch"]
     log_std: Float[Array, "m *batch"]
+    bounds: Bounds = eqx.field(static=True, default=TANH)
 
     def sample(self, noise: Float[Array, "m *batch"]) -> Float[Array, "m *batch"]:
-        """z, the action before tanh, for normal noise."""
+        """z, the action before its bounds, for normal noise."""
         return self.mean + jnp.exp(self.log_std) * noise
 
     def log_prob(self, z: Float[Array, "m *batch"]) -> Float[Array, "*batch"]:
-        """Log density of a = tanh(z) on [-1, 1]: log N(z) - log(1 - tanh(z)²), summed over the entries."""
+        """Log density, summed over the entries: log N(z) with clip, log N(z) - log(1 - tanh(z)²) of a = tanh(z)."""
         standardised = (z - self.mean) * jnp.exp(-self.log_std)
-        gaussian = -0.5 * standardised**2 - self.log_std - _LOG_SQRT_2PI
-        # 1 - tanh(z)² = 4 / (e^z + e^-z)², which this form evaluates without cancellation for any z.
-        log_slope = 2.0 * (_LOG_2 - z - jax.nn.softplus(-2.0 * z))
-        return jnp.sum(gaussian - log_slope, axis=0)
+        terms = -0.5 * standardised**2 - self.log_std - _LOG_SQRT_2PI
+        if self.bounds == TANH:
+            # 1 - tanh(z)² = 4 / (e^z + e^-z)², which this form evaluates without cancellation for any z.
+            terms = terms - 2.0 * (_LOG_2 - z - jax.nn.softplus(-2.0 * z))
+        return jnp.sum(terms, axis=0)
 
     def action(self, z: Float[Array, "m *batch"]) -> Float[Array, "m *batch"]:
         """The action of a sample."""
-        return jnp.tanh(z)
+        return BOUNDS[self.bounds](z)
 
 
 class Categoricals(AbstractDistribution):
@@ -150,30 +152,28 @@ class AbstractActor(eqx.Module):
 
 
 class Actor(AbstractActor):
-    """π(a|s) of continuous actions: a tanh-squashed Gaussian, whose standard deviation may depend on the state."""
+    """π(a|s) of continuous actions, a bounded Gaussian: by tanh if σ depends on the state, else by clipping."""
 
     trunk: tuple[Linear, ...]
     activation: Activation = eqx.field(static=True)
     mean_head: Linear
     std_head: Linear | None
     """None in a policy file that holds only the deterministic policy."""
-    state_dependent_std: bool = eqx.field(static=True, default=True)
-    """Without it the weights of ``std_head`` are 0 and stay so."""
+    bounds: Bounds = eqx.field(static=True, default=TANH)
+    """With clip the weights of ``std_head`` are 0 and stay so."""
 
-    def __call__(self, observation: Float[Array, "n *batch"]) -> SquashedGaussian:
-        """Distribution of the action; log σ = log softplus(w·h + b) within [-20, 2] (authors' code); w may be 0."""
+    def __call__(self, observation: Float[Array, "n *batch"]) -> BoundedGaussian:
+        """Distribution of the action; log σ in [-20, 2] is log softplus(w·h + b) (authors' code), or b alone."""
         if self.std_head is None:
             raise SwingupError("this policy has no standard deviation: ask for its deterministic action")
         features = hidden_features(self.trunk, self.activation, observation)
         mean = self.mean_head(features)
-        if self.state_dependent_std:
-            outputs = self.std_head(features)
+        if self.bounds == TANH:
+            log_std = jnp.log(jax.nn.softplus(_clamped(self.std_head(features), *STD_OUTPUT_RANGE)))
         else:
-            outputs = jnp.broadcast_to(beside(self.std_head.bias, mean), mean.shape)
-        # The clamp has the gradient of what it clamps. With one of 0, a policy that a rare state threw beyond it
-        # would keep that σ for ever.
-        clamped = outputs + jax.lax.stop_gradient(jnp.clip(outputs, *STD_OUTPUT_RANGE) - outputs)
-        return SquashedGaussian(mean, jnp.log(jax.nn.softplus(clamped)))
+            biases = _clamped(self.std_head.bias, *LOG_STD_RANGE)
+            log_std = jnp.broadcast_to(beside(biases, mean), mean.shape)
+        return BoundedGaussian(mean, log_std, self.bounds)
 
     def noise(self, key: Key, batch: tuple[int, ...]) -> Float[Array, "m *batch"]:
         """Normal noise."""
@@ -181,8 +181,8 @@ class Actor(AbstractActor):
         return jax.random.normal(key, (*bias.shape, *batch), bias.dtype)
 
     def mode(self, observation: Float[Array, "n *batch"]) -> Float[Array, "m *batch"]:
-        """The deterministic action tanh(mean), as the authors use it."""
-        return jnp.tanh(self.mean_head(hidden_features(self.trunk, self.activation, observation)))
+        """The deterministic action, that of the mean, as the authors use it."""
+        return BOUNDS[self.bounds](self.mean_head(hidden_features(self.trunk, self.activation, observation)))
 
 
 class CategoricalActor(AbstractActor):
@@ -242,6 +242,11 @@ def sample_actions(
     policy = actor(observations.T)
     latents = policy.sample(noise)
     return ActionSample(latents.T, policy.log_prob(latents), policy.action(latents).T)
+
+
+def _clamped(x: Float[Array, "..."], low: float, high: float) -> Float[Array, "..."]:
+    """Values within bounds, with a gradient beyond, too: a policy that a rare state threw there can come back."""
+    return x + jax.lax.stop_gradient(jnp.clip(x, low, high) - x)
 
 
 def hidden_features(

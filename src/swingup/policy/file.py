@@ -15,13 +15,15 @@ from ..common.checks import one_of
 from ..common.errors import SwingupError, naming
 from ..common.settings import settings_of
 from ..common.text import quoted
-from .network.layers import RELU, Activation, Layer, Network
+from .network.layers import RELU, TANH, Activation, Bounds, Layer, Network
 from .network.stages import STAGES, Stage, arrays_of, make_stage
 
 FORMAT = "swingup policy"
 FORMAT_VERSION = 1
 ACTIVATION = "activation"
 """Key of what follows hidden layers; left out for ReLU."""
+BOUNDS = "bounds"
+"""Key of what bounds actions; left out for tanh."""
 CHOICES = "choices"
 """Key of the numbers of choices; left out where actions are numbers."""
 
@@ -58,8 +60,9 @@ def write_network(path: str | Path, network: Network, metadata: Mapping[str, Any
     own: dict[str, Any] = {"observation": stages}
     own |= {} if network.choices is None else {CHOICES: list(network.choices)}
     own |= {} if network.activation == RELU else {ACTIVATION: network.activation}
+    own |= {} if network.bounds == TANH else {BOUNDS: network.bounds}
     # The metadata may be another file's, whose entries of its own network do not fit this one.
-    theirs = ("observation", CHOICES, ACTIVATION)
+    theirs = ("observation", CHOICES, ACTIVATION, BOUNDS)
     given = {key: value for key, value in metadata.items() if key not in theirs}
     save_arrays(path, FORMAT, FORMAT_VERSION, own | given, arrays)
 
@@ -84,6 +87,7 @@ def _network(metadata: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> N
     depth = sum(name.startswith("network.trunk.") and name.endswith(".weight") for name in arrays)
     choices = _choices(metadata)
     activation: Any = one_of(ACTIVATION, metadata.get(ACTIVATION, RELU), get_args(Activation))
+    bounds: Any = one_of(BOUNDS, metadata.get(BOUNDS, TANH), get_args(Bounds))
     return Network(
         stages=tuple(_stage(index, entry, arrays) for index, entry in enumerate(entries)),
         trunk=tuple(_layer(arrays, f"network.trunk.{index}") for index in range(depth)),
@@ -91,6 +95,7 @@ def _network(metadata: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> N
         std=_layer(arrays, "network.std") if "network.std.weight" in arrays else None,
         choices=choices,
         activation=activation,
+        bounds=bounds,
     )
 
 

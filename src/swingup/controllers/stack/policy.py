@@ -60,7 +60,8 @@ def make_policy(network: Network) -> Policy[Any]:
     trunk, head = tuple(map(_linear, network.trunk)), _linear(network.head)
     if network.choices is not None:
         return Policy(stages, CategoricalActor(trunk, network.activation, head, network.choices))
-    return Policy(stages, Actor(trunk, network.activation, head, None if std is None else _linear(std)))
+    deviation = None if std is None else _linear(std)
+    return Policy(stages, Actor(trunk, network.activation, head, deviation, network.bounds))
 
 
 def network_of(policy: Policy[Any]) -> Network:
@@ -68,11 +69,11 @@ def network_of(policy: Policy[Any]) -> Network:
     actor = policy.actor
     trunk = tuple(map(_layer_of, actor.trunk))
     if isinstance(actor, CategoricalActor):
-        head, std, choices = actor.logits_head, None, actor.choices
-    else:
-        head, std, choices = actor.mean_head, actor.std_head, None
-    deviation = None if std is None else _layer_of(std)
-    return Network(policy.stages, trunk, _layer_of(head), deviation, choices, actor.activation)
+        logits = _layer_of(actor.logits_head)
+        return Network(policy.stages, trunk, logits, choices=actor.choices, activation=actor.activation)
+    std = None if actor.std_head is None else _layer_of(actor.std_head)
+    head, bounds = _layer_of(actor.mean_head), actor.bounds
+    return Network(policy.stages, trunk, head, std, activation=actor.activation, bounds=bounds)
 
 
 def act(

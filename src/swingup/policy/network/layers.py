@@ -18,6 +18,9 @@ LARGEST_FEATURE = 1e30
 Activation = Literal["relu", "tanh", "elu", "silu", "gelu"]
 """What follows a hidden layer; gelu is x (1 + tanh(√(2/π) (x + 0.044715 x³))) / 2, silu x / (1 + e^-x)."""
 RELU: Activation = "relu"
+Bounds = Literal["tanh", "clip"]
+"""What brings a continuous action into [-1, 1]."""
+TANH: Bounds = "tanh"
 
 
 @dataclass(frozen=True)
@@ -38,12 +41,14 @@ class Network:
     stages: tuple[Stage, ...]
     trunk: tuple[Layer, ...]
     head: Layer
-    """Means of continuous actions before tanh, or the logits of discrete ones."""
+    """Means of continuous actions before their bounds, or the logits of discrete ones."""
     std: Layer | None = None
     choices: tuple[int, ...] | None = None
     """Number of alternatives of each discrete action; None if actions are continuous."""
     activation: Activation = RELU
     """After each hidden layer."""
+    bounds: Bounds = TANH
+    """Of continuous actions."""
 
     def __post_init__(self) -> None:
         """Follow one observation through the stages and the layers."""
@@ -105,11 +110,16 @@ def _reach(layer: Layer, most: float) -> float:
 
 
 def require_relu(network: Network, program: str) -> None:
-    """Refuse hidden layers that a program, whose name starts the sentence, does not run."""
+    """Refuse layers that a program, whose name starts the sentence, does not run."""
     if network.activation != RELU:
         raise SwingupError(
             f"{program} runs hidden layers of ReLU, not activation = {network.activation!r}: run the policy in "
             f"Python, as an export to realaigym does, or train with activation = 'relu'"
+        )
+    if network.bounds != TANH:
+        raise SwingupError(
+            f"{program} bounds actions by tanh, not by {network.bounds!r}: run the policy in Python, as an export "
+            f"to realaigym does, or train with deviation = 'state'"
         )
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...plant.base_parameters import BASE
-from ..network.layers import Activation
+from ..network.layers import Activation, Bounds
 from ..pendulum import PendulumPolicy
 
 Activate = Callable[[np.ndarray], np.ndarray]
@@ -32,7 +32,7 @@ class NumpyNetwork:
             (layer.weight.astype(np.float64), layer.bias.astype(np.float64), np.empty(layer.bias.shape))
             for layer in network.trunk
         ]
-        self._activate = ACTIVATIONS[network.activation]
+        self._activate, self._bound = ACTIVATIONS[network.activation], BOUNDS[network.bounds]
         self._head, self._offset = network.head.weight[0].astype(np.float64), network.head.bias.astype(np.float64)
         # The biases of the first layer, which take up what the plant adds (``network/fold.py``).
         self._plant_bias = self._layers[0][1] if self._layers else self._offset
@@ -56,7 +56,7 @@ class NumpyNetwork:
             np.dot(weight, features, out=result)
             np.add(result, bias, out=result)
             features = self._activate(result)
-        return self._torque_limit * math.tanh(float(np.dot(self._head, features) + self._offset[0]))
+        return self._torque_limit * self._bound(float(np.dot(self._head, features) + self._offset[0]))
 
 
 def _elu(x: np.ndarray) -> np.ndarray:
@@ -80,3 +80,4 @@ ACTIVATIONS: dict[Activation, Activate] = {
     "silu": _silu,
     "gelu": _gelu,
 }
+BOUNDS: dict[Bounds, Callable[[float], float]] = {"tanh": math.tanh, "clip": lambda z: max(-1.0, min(1.0, z))}
