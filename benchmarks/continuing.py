@@ -52,7 +52,7 @@ class Change(NamedTuple):
 
     claim: str
     hyperparameters: Mapping[str, Any]
-    env: Mapping[str, float] = {}
+    env: Mapping[str, Any] = {}
     """Arguments of the environment. Rates are less its offset."""
 
 
@@ -161,8 +161,8 @@ def main() -> None:
     for name, change in changes.items():
         print(f"\n| {change.claim} (less `{name}`) | difference (95 %) | verdict |\n|---|---|---|")
         for task in options.tasks:
-            both = (shares(task, study.of(*run)) for run in ([task, *base], [task, name]))
-            print(f"| {task} | {verdict(*both, RELEVANT)} |")
+            with_it, without = shares(task, study.of(task, *base)), shares(task, study.of(task, name))
+            print(f"| {task} | {verdict(with_it, without, RELEVANT)} |")
 
 
 if __name__ == "__main__":
