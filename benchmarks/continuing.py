@@ -134,13 +134,15 @@ def main() -> None:
     parser.add_argument("--claims", action="store_true")
     options = parser.parse_args()
     usual = options.reset_cost == 10.0
-    whole = Change("", {}, {} if usual else {"reset_cost": options.reset_cost})
+    cost = {} if usual else {"reset_cost": options.reset_cost}
     base = [] if usual else [f"cost {options.reset_cost:g}"]
     changes = CHANGES if options.claims else {}
     for seed in range(options.first_seed, options.first_seed + options.seeds):
         for task in options.tasks:
-            for run, change in [([task, *base], whole), *(([task, name], changes[name]) for name in changes)]:
+            for name, change in {"": Change("", {}), **changes}.items():
+                run = [task, *base, *([name] if name else [])]
                 if not Study(options.study).has(run, seed):
+                    change = change._replace(env={**cost, **change.env})
                     points, deterministic = train(task, seed, options.frames, change)
                     Study(options.study).add(run, seed, points, COLUMNS, deterministic=round(deterministic, 4))
     study = Study(options.study)
@@ -161,7 +163,7 @@ def main() -> None:
     for name, change in changes.items():
         print(f"\n| {change.claim} (less `{name}`) | difference (95 %) | verdict |\n|---|---|---|")
         for task in options.tasks:
-            with_it, without = shares(task, study.of(task, *base)), shares(task, study.of(task, name))
+            with_it, without = shares(task, study.of(task, *base)), shares(task, study.of(task, *base, name))
             print(f"| {task} | {verdict(with_it, without, RELEVANT)} |")
 
 

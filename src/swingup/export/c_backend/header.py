@@ -12,7 +12,7 @@ from pathlib import PurePosixPath
 import numpy as np
 
 from ...common.version import __version__
-from ...policy.network.layers import require_relu
+from ...policy.network.layers import require_portable
 from ...policy.pendulum import PendulumPolicy
 from ..folder import NAME, check_export_name
 from .data import runtime_data
@@ -51,7 +51,7 @@ UNGUARDED_NOTE = """\
 def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
     """The header's text, in which all names begin with ``name``: several go into one program."""
     check_export_name(name)
-    require_relu(policy.network, "a C header")
+    require_portable(policy.network, "a C header")
     data = f"#ifndef SWINGUP_POLICY_H\n#define SWINGUP_POLICY_H\n\n{c_data(policy)}"
     text = f"{_usage(policy)}{data}\n{runtime()}\n#endif\n"
     # Two headers in one program must not share a name.

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...policy.network.layers import Layer, require_relu
+from ...policy.network.layers import Layer, require_portable
 from ...policy.network.stages import NormaliseStage, PendulumStage, Stage
 from ...policy.pendulum import PendulumPolicy
 
@@ -18,7 +18,7 @@ def policy_script() -> str:
 
 def policy_data(policy: PendulumPolicy) -> dict[str, Any]:
     """A policy's network alone, folded for its plant, as JSON values: its stages, and its layers up to the mean."""
-    require_relu(policy.network, "a page")
+    require_portable(policy.network, "a page")
     network = policy.folded
     return {
         "torque_limit": policy.torque_limit,

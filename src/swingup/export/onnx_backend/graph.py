@@ -13,7 +13,7 @@ import numpy as np
 
 from ...common.errors import needing
 from ...common.version import __version__
-from ...policy.network.layers import FLOAT32_SUM_WIDTH, STATE, Layer, require_relu
+from ...policy.network.layers import FLOAT32_SUM_WIDTH, STATE, Layer, require_portable
 from ...policy.network.stages import NormaliseStage, PendulumStage
 from ...policy.pendulum import PendulumPolicy
 
@@ -28,7 +28,7 @@ def onnx_model(policy: PendulumPolicy) -> bytes:
     It is the network alone, folded for the policy's plant: estimator, identifier, regulator and guard would need a
     memory.
     """
-    require_relu(policy.network, "an ONNX graph")
+    require_portable(policy.network, "an ONNX graph")
     with needing("the package onnx", "onnx", "an ONNX graph"):
         import onnx
     graph = _Graph(onnx.helper, onnx.numpy_helper)

@@ -109,8 +109,8 @@ def _reach(layer: Layer, most: float) -> float:
     return float(np.max(sums * most + np.abs(layer.bias), initial=0.0))
 
 
-def require_relu(network: Network, program: str) -> None:
-    """Refuse layers that a program, whose name starts the sentence, does not run."""
+def require_portable(network: Network, program: str) -> None:
+    """Refuse a network that a program, whose name starts the sentence, does not run: all run ReLU and tanh."""
     if network.activation != RELU:
         raise SwingupError(
             f"{program} runs hidden layers of ReLU, not activation = {network.activation!r}: run the policy in "
