@@ -1,6 +1,7 @@
 """The layers of the package: who may import whom, and what `import swingup` must not bring along."""
 
 import ast
+import functools
 import subprocess
 import sys
 from pathlib import Path
@@ -36,13 +37,17 @@ ONE_PLACE = {
 
 
 FILES = [path for path in sorted(ROOT.rglob("*.py")) if path.parent != ROOT or not path.stem.startswith("__")]
-TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
+
+
+@functools.cache
+def trees():
+    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
 
 
 def imports(path):
     """Absolute names of the modules that a file imports."""
     package = ["swingup", *path.relative_to(ROOT).parent.parts]
-    for node in ast.walk(TREES[path]):
+    for node in ast.walk(trees()[path]):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -86,7 +91,7 @@ def test_no_two_folders_import_from_one_another():
 
 def test_a_plant_and_its_base_parameters_are_named_once():
     plant, base, found = {"m1", "m2", "l1", "l2", "r1", "r2"}, {"A", "B", "m2r2", "k", "cf1", "Ir"}, []
-    for path, tree in TREES.items():
+    for path, tree in trees().items():
         for node in ast.walk(tree):
             fields = node.body if isinstance(node, ast.ClassDef) else []
             if plant <= {each.target.id for each in fields if isinstance(each, ast.AnnAssign)}:

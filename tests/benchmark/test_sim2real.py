@@ -14,6 +14,8 @@ from swingup.controllers.registry import get_controller
 from swingup.loop.domain import make_domain
 from swingup.plant.plant import load_plant
 
+from .controllers import HANGING
+
 BRIEF = dataclasses.replace(SIM2REAL, duration=2.5)
 """Long enough for the domain's push, which comes within 2 s."""
 ROBOT = {"plant": "C.1", "design": "leaderboard"}
@@ -69,7 +71,7 @@ def test_a_run_that_ends_early_fails():
 
 def test_a_pendulum_without_motors_fails_and_seeds_differ(either_robot):
     def judged(domain, seed, seeds):
-        return judge(lambda x, t: [0.0, 0.0], either_robot, BRIEF, seeds, seed=seed, domain=domain)
+        return judge(HANGING, either_robot, BRIEF, seeds, seed=seed, domain=domain)
 
     quiet = judged(make_domain(ROBOT | {"velocity_noise": 0.1}), 0, 1)
     assert (quiet.successes, quiet.score) == (0, 0.0)

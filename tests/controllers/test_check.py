@@ -13,7 +13,7 @@ from swingup.controllers.interface.check import check_controller
 from swingup.controllers.interface.controller import AbstractController
 from swingup.controllers.interface.python_controller import PythonController, answer
 from swingup.controllers.registry import get_controller
-from swingup.plant.robots import get_robot
+from swingup.plant.robots import ROBOTS, get_robot
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.shipped import load_policy
 from swingup.runtime import load_controller
@@ -231,7 +231,6 @@ IN_JAX = {
     "its torque is complex128: return real numbers": Jax("complex"),
     "must return two things": Jax("alone"),
     "passive joint 1": Jax("passive"),
-    "it is for the pendubot, not the acrobot": get_controller("lqr", "pendubot"),
     "hashing its fields raised TypeError (unhashable type: 'set'": Jax(label={"a"}),
 }
 
@@ -248,7 +247,9 @@ def test_a_controller_that_fails_when_it_runs_is_named():
 
 def test_good_controllers_in_jax(robot):
     assert check_controller(Jax(), "acrobot") == []
-    assert check_controller(lone_policy("ar-eapo", robot)[0], robot) == []
+    policy, (other,) = lone_policy("ar-eapo", robot)[0], {*ROBOTS.values()} - {robot}
+    assert check_controller(policy, robot) == []
+    assert f"it is for the {robot.name}, not the {other.name}" in check_controller(policy, other)[0]
 
 
 def test_a_policy_that_compensates_friction_declares_it(robot):

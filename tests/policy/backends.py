@@ -169,5 +169,5 @@ BACK_ENDS = {
     "numpy": BackEnd(Numpy, whole=True, alone_within=1e-11, whole_within=1e-9),
     "c": BackEnd(C, whole=True, alone_within=1e-11, whole_within=1e-9),
     "onnx": BackEnd(Onnx, whole=False, alone_within=TOLERANCE),
-    "javascript": BackEnd(JavaScript, whole=False, alone_within=1e-10, stride=2),
+    "javascript": BackEnd(JavaScript, whole=False, alone_within=1e-10, stride=5),
 }

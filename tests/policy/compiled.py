@@ -1,8 +1,12 @@
 """C headers as functions of Python: compiled by gcc without a warning, called through ctypes."""
 
 import ctypes
+import functools
+import hashlib
+import os
 import shutil
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +15,9 @@ STRICT = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2"]
 
 CAREFUL = ["-Wfloat-conversion", "-Wdouble-promotion", "-Wconversion", "-Wsign-conversion", "-Wshadow", "-Wundef"]
 """More warnings than STRICT has, of conversions above all."""
+
+KEPT = Path(os.environ["JAX_COMPILATION_CACHE_DIR"]) / "c"
+"""What gcc made, beside JAX's programs: all workers and later runs share it."""
 
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 
@@ -91,11 +98,32 @@ def compile_header(folder, text, *flags):
 def compile_program(folder, text, *flags):
     """The shared library of a program that includes headers of the folder."""
     (folder / "driver.c").write_text(text, encoding="utf-8")
-    library = folder / "driver.so"
-    command = [*STRICT, *flags, "-shared", "-fPIC", "-o", str(library), str(folder / "driver.c"), "-lm"]
-    result = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert (result.returncode, result.stderr) == (0, "")
-    return ctypes.CDLL(str(library))
+    return ctypes.CDLL(str(build(folder, *STRICT, *flags, "-shared", "-fPIC", "driver.c")))
+
+
+def gcc(folder, *command):
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+
+@functools.cache
+def version():
+    return gcc(None, "gcc", "--version").stdout
+
+
+def build(folder, *command):
+    """The path of what gcc makes of a folder's files without a warning, now or when it last saw the same."""
+    key = hashlib.sha256(repr((command, version())).encode())
+    for path in sorted(folder.glob("*.[ch]")):
+        key.update(path.read_bytes())
+    made = KEPT / key.hexdigest()
+    if not made.exists():
+        result = gcc(folder, *command, "-o", "made", "-lm")
+        assert (result.returncode, result.stderr) == (0, "")
+        KEPT.mkdir(parents=True, exist_ok=True)
+        # Another worker may be reading: a file there is whole.
+        whole = shutil.copy(folder / "made", made.with_suffix(f".{os.getpid()}"))
+        os.replace(whole, made)
+    return made
 
 
 def torques(library, states):

@@ -9,7 +9,7 @@ import pytest
 from swingup.export.c_backend.header import POLICY, c_data, runtime
 from swingup.policy.guard.settings import default_guard
 
-from .compiled import CAREFUL, STRICT, needs_gcc
+from .compiled import CAREFUL, STRICT, build, gcc, needs_gcc
 from .references import DT, TOLD, policy
 
 pytestmark = needs_gcc
@@ -87,18 +87,15 @@ def write(folder, parts, name=TOLD):
         (folder / name).write_text(text, encoding="utf-8")
 
 
-def gcc(folder, *flags):
-    command = [*STRICT, *CAREFUL, *flags, "fuzz.c", "-o", "fuzz", "-lm"]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+COMMAND = (*STRICT, *CAREFUL, "fuzz.c")
 
 
 @pytest.mark.parametrize(("name", "parts"), [*COMBINATIONS, ("pendubot-ar-eapo", ())])
 def test_with_each_combination_of_switches(tmp_path, name, parts):
     """Without a warning; and whatever it is sent, no torque is beyond its motor's limit."""
     write(tmp_path, parts, name)
-    result = gcc(tmp_path, "-fsanitize=undefined,address", "-fno-sanitize-recover")
-    assert (result.returncode, result.stderr) == (0, "")
-    result = subprocess.run([str(tmp_path / "fuzz")], capture_output=True, text=True, check=False)
+    program = build(tmp_path, *COMMAND, "-fsanitize=undefined,address", "-fno-sanitize-recover")
+    result = subprocess.run([program], capture_output=True, text=True, check=False)
     assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
 
 
@@ -108,19 +105,19 @@ HEADERS = sorted(str(path.relative_to(POLICY)) for path in POLICY.rglob("*.h"))
 @pytest.mark.parametrize("header", HEADERS)
 def test_each_file_of_the_runtime_compiles_alone(tmp_path, header):
     write(tmp_path, PARTS)
-    command = [*STRICT, *CAREFUL, "-include", "data.h", "-fsyntax-only", "-x", "c", str(POLICY / header)]
-    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    options = "-include", "data.h", "-fsyntax-only", "-x", "c"
+    result = gcc(tmp_path, *STRICT, *CAREFUL, *options, str(POLICY / header))
     assert (result.returncode, result.stderr) == (0, "")
 
 
 @pytest.mark.parametrize("flag", ["-ffast-math", "-ffinite-math-only", "-Ofast"])
 def test_a_compiler_that_cannot_tell_nan_is_refused(tmp_path, flag):
     write(tmp_path, PARTS)
-    assert "compile without -ffast-math" in gcc(tmp_path, flag).stderr
+    assert "compile without -ffast-math" in gcc(tmp_path, *COMMAND, flag).stderr
 
 
 def test_an_identifier_needs_an_estimator(tmp_path):
     write(tmp_path, PARTS)
     text = (tmp_path / "data.h").read_text(encoding="utf-8").replace("HAS_ESTIMATOR 1", "HAS_ESTIMATOR 0")
     (tmp_path / "data.h").write_text(text, encoding="utf-8")
-    assert "an identifier needs an estimator" in gcc(tmp_path).stderr
+    assert "an identifier needs an estimator" in gcc(tmp_path, *COMMAND).stderr

@@ -76,7 +76,7 @@ def found(
     """The final memory and the unknowns of all steps, for angles changed on their way to the identifier."""
     loop, _, _, find = programs(settings)
     q, command = measured(plant, delay_steps, push)
-    memory, unknowns = find(jnp.asarray(change(q)), command, jnp.broadcast_to(told, STEPS), break_at, periods)
+    memory, unknowns = find(jnp.asarray(change(q)), command, np.full(STEPS, told), break_at, periods)
     return loop, memory, np.asarray(unknowns)
 
 
