@@ -1,5 +1,10 @@
-"""Policies of files for tests, in JAX, without what stands around them."""
+"""Policies for tests, of files and untrained, in JAX, without what stands around them."""
 
+import functools
+
+import jax
+
+from swingup.areapo.initial import init_actor
 from swingup.controllers.stack.controller import policy_alone
 from swingup.controllers.stack.policy import make_policy
 from swingup.policy.file import read_network
@@ -10,6 +15,12 @@ def lone_policy(source, robot=None):
     """The policy alone as a controller in JAX, and its metadata."""
     policy = load_policy(source, robot)
     return policy_alone(policy), dict(policy.metadata)
+
+
+@functools.partial(jax.jit, static_argnums=(0, 1))
+def new_actor(size, layers, seed=0):
+    """An untrained actor of one action: one program costs less than compiling operation by operation."""
+    return init_actor(jax.random.key(seed), size, 1, layers, -1.0)
 
 
 def load_any_policy(path):

@@ -186,7 +186,7 @@ def test_maximum_entropy_policy_of_a_lever(temperature):
 def test_maximum_entropy_policy_of_two_levers():
     # The first choice pays one step later, the second nothing: softmax(0, 1/τ) and uniform.
     best, objective = softmax_policy([0.0, 1.0], 0.5)
-    state, metrics = learn(Levers(), temperature=0.5)
+    state, metrics = learn(Levers(), 150, temperature=0.5)
     assert metrics.gain + metrics.entropy_gain == pytest.approx(objective + 0.5 * np.log(4.0), rel=0.02)
     odds = np.exp(outputs(state.actor, state, [0.0, 1.0]).logits)
     first, second = (part / part.sum(axis=1, keepdims=True) for part in (odds[:, :2], odds[:, 2:]))

@@ -46,10 +46,8 @@ def torques(function):
 DEGREES, RPM = "q1=pos_meas1:deg q2=pos_meas2:deg", "dq1=vel_meas1:rpm dq2=vel_meas2:rpm"
 ABSOLUTE, SWAPPED = "q2=pos_meas2-pos_meas1 dq2=vel_meas2-vel_meas1", "u1=tau_con2 u2=tau_con1"
 CONVENTIONS = {
-    "up": (lambda c: {"q1": c.q1 - PI}, "q1=pos_meas1+pi"),
     "absolute, up": (lambda c: {"q1": c.q1 - PI, "q2": c.q1 + c.q2 - PI, "d2": c.d1 + c.d2},
                      f"q1=pos_meas1+pi {ABSOLUTE}"),
-    "folded": (lambda c: {"q2": c.q2 + PI}, "q2=pos_meas2+pi"),
     "reversed": (lambda c: {"q2": -c.q2, "d2": -c.d2}, "q2=-pos_meas2 dq2=-vel_meas2"),
     "torques swapped": (lambda c: {"u1": c.u2, "u2": c.u1}, SWAPPED),
     "counts": (angles(lambda q: np.round(q * 4096 / TURN)), "q1=pos_meas1:counts/4096 q2=pos_meas2:counts/4096"),
@@ -58,6 +56,8 @@ CONVENTIONS = {
 }  # fmt: skip
 """What was done to a log, and the words that undo it."""
 MORE_CONVENTIONS = {
+    "up": (lambda c: {"q1": c.q1 - PI}, "q1=pos_meas1+pi"),
+    "folded": (lambda c: {"q2": c.q2 + PI}, "q2=pos_meas2+pi"),
     "turns, rpm": (lambda c: angles(lambda q: q / TURN)(c) | rates(lambda d: d * 60 / TURN)(c),
                    f"q1=pos_meas1:turns q2=pos_meas2:turns {RPM}"),
     "velocities swapped": (lambda c: {"d1": c.d2, "d2": c.d1}, "dq1=vel_meas2 dq2=vel_meas1"),

@@ -36,7 +36,8 @@ def check_contract(task, endings):
     first, second = jax.random.split(jax.random.key(5))
     _check_resets(task, first, second)
     for ending in endings:
-        steps, start = _held(task, ending, first)
+        run = _holding(task, ending)
+        steps, start = run(first)
         ended = np.asarray(steps.terminated | steps.truncated)
         assert ended.tolist() == [False] * (ending.steps - 1) + [True]
         # One flag alone: a time limit is no end of the task, and the other way round.
@@ -44,7 +45,7 @@ def check_contract(task, endings):
         assert bool(steps.truncated[-1]) is not ending.terminated
         np.testing.assert_allclose(steps.observation[-1], ending.last(np.asarray(start)), rtol=1e-5, atol=1e-6)
         assert steps.reward.shape == (ending.steps,)
-        again, _ = _held(task, ending, first)
+        again, _ = run(first)
         jax.tree.map(np.testing.assert_array_equal, _numbers(steps), _numbers(again))
 
 
@@ -62,8 +63,8 @@ def _check_resets(task, first, second):
     np.testing.assert_allclose(jax.jit(observe)(first), side_by_side[0], rtol=1e-5, atol=1e-6)
 
 
-def _held(task, ending, key):
-    """The steps of an episode, in one scan, which takes only states whose types do not change; and its start."""
+def _holding(task, ending):
+    """A function of a key: an episode's steps, in one scan, which takes states of one type alone; and its start."""
     action = jnp.atleast_1d(jnp.asarray(ending.action, int if task.choices else jnp.float32))
 
     @jax.jit
@@ -76,7 +77,7 @@ def _held(task, ending, key):
 
         return jax.lax.scan(advance, start, jax.random.split(key, ending.steps))[1], task.observe(start)
 
-    return run(key)
+    return run
 
 
 def _numbers(tree):

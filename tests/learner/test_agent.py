@@ -277,7 +277,8 @@ def test_a_list_of_functions_is_a_vector_environment_and_an_instance_is_one():
 
 
 def test_a_task_in_jax_is_compiled():
-    model = AREAPO(Lever(), temperature=0.0, **(TINY | {"num_steps": 64, "learning_rate": 0.01})).learn(20_000)
+    settings = TINY | {"num_steps": 64, "learning_rate": 0.01, "evaluate_every": 10_000}
+    model = AREAPO(Lever(), temperature=0.0, **settings).learn(20_000)
     assert model.predict([0.0]) == [2]
     # Ten steps of the best choice.
     assert model.evaluate(4)["score"] == 20.0

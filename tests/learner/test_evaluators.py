@@ -1,12 +1,10 @@
 """A pendulum's evaluator judges on its task's plant, which every policy file carries."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import pytest
 
-from policies import lone_policy
-from swingup.areapo.initial import init_actor
+from policies import lone_policy, new_actor
 from swingup.controllers.stack.policy import Policy
 from swingup.learner.evaluators import SwingUpEvaluator
 from swingup.plant.plant import LEADERBOARD, load_plant
@@ -20,7 +18,7 @@ from swingup.tasks.presets import smooth_task
 def test_the_swing_up_is_judged_on_the_tasks_plant(either_robot, similar):
     task = smooth_task(either_robot)
     twin = smooth_task(either_robot, similar(task.parameters))
-    actor = init_actor(jax.random.key(0), task.observation_size, 1, (4,), -1.0)
+    actor = new_actor(task.observation_size, (4,))
     pushing = eqx.tree_at(lambda a: a.mean_head.bias, actor, jnp.array([20.0]))
     plants = (LEADERBOARD, load_plant(similar(task.parameters)))
     results = [
@@ -37,7 +35,7 @@ ACROBOT = ROBOTS["acrobot"]
 
 def written(evaluator, task, path):
     """What the evaluator's file of an untrained policy holds."""
-    actor = init_actor(jax.random.key(0), task.observation_size, 1, (4,), -1.0)
+    actor = new_actor(task.observation_size, (4,))
     evaluator.save(path, Policy((task.observation,), actor), {})
     return read_pendulum_policy(path)
 

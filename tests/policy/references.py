@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swingup.areapo.initial import init_actor
+from policies import new_actor
 from swingup.controllers.stack.controller import PolicyController, make_controller, policy_of
 from swingup.controllers.stack.policy import Policy
 from swingup.dynamics.integrate import rk4_step
@@ -141,7 +141,7 @@ def without_regulator(found):
 def small_policy(normalised=True):
     """A small untrained policy of the pendubot with the paper's observation."""
     with jax.enable_x64(False):  # single precision, as a file has it
-        actor = jax.tree.map(lambda leaf: leaf + 0.1, init_actor(jax.random.key(0), 4, 1, (16, 12), -1.0))
+        actor = jax.tree.map(lambda leaf: leaf + 0.1, new_actor(4, (16, 12)))
     normalise = NormaliseStage(mean=np.linspace(-1, 1, 4), variance=np.linspace(0.5, 2, 4), clip=1.0)
     stages = (PendulumStage("wrapped", 20.0), *([normalise] if normalised else []))
     return PolicyController(Policy(stages, actor), 3.0, get_robot("pendubot"))
@@ -150,7 +150,7 @@ def small_policy(normalised=True):
 def sighted_policy(layers=(16, 12)):
     """A small untrained policy of the acrobot that sees its plant, C.1 with its friction and rotors."""
     with jax.enable_x64(False):
-        actor = jax.tree.map(lambda leaf: leaf + 0.1, init_actor(jax.random.key(1), 15, 1, layers, -1.0))
+        actor = jax.tree.map(lambda leaf: leaf + 0.1, new_actor(15, layers, 1))
     plant = policy_plant(load_plant("C.1"), get_robot("acrobot"))
     base = base_parameters(plant)
     # Inputs from -0.15 to 0.15, except the last, which is clipped.

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from array_files import change_file, write_file
-from policies import load_any_policy, lone_policy
+from policies import load_any_policy, lone_policy, new_actor
 from refusals import refusal
-from swingup.areapo.initial import init_actor
 from swingup.controllers.stack.controller import make_controller, policy_of, save_controller
 from swingup.controllers.stack.policy import Policy, network_of, save_policy
 from swingup.export.c_backend.header import c_header
@@ -33,7 +32,7 @@ MINE = policy_plant(load_plant("C.1").changed(tl1=10.0, tl2=10.0), get_robot("ac
 
 
 def make_policy(angles="wrapped", size=4):
-    actor = init_actor(jax.random.key(0), size, 1, (16, 16), -1.0)
+    actor = new_actor(size, (16, 16))
     actor = jax.tree.map(lambda leaf: leaf + 0.1, actor)
     normalise = NormaliseStage(mean=np.linspace(-1, 1, size), variance=np.linspace(0.5, 2, size), clip=10.0)
     return Policy((PendulumStage(angles, 20.0), normalise), actor)

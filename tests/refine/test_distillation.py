@@ -8,8 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from policies import lone_policy
-from swingup.areapo.initial import init_actor
+from policies import lone_policy, new_actor
 from swingup.benchmark.boards import ROBUSTNESS
 from swingup.benchmark.grid import make_cases
 from swingup.controllers.baselines.continuation import nominal_swingups
@@ -54,7 +53,7 @@ def changes(plant, robot):
 
 def small(robot=ACROBOT):
     """A policy that gives strong torques at once; it recovers from nothing."""
-    actor = init_actor(jax.random.key(0), 6, 1, (8, 8), -1.0)
+    actor = new_actor(6, (8, 8))
     return single_precision(PolicyController(Policy((PendulumStage(angles="sincos"),), actor), 6.0, robot))
 
 

@@ -8,8 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from policies import lone_policy
-from swingup.areapo.initial import init_actor
+from policies import lone_policy, new_actor
 from swingup.benchmark.boards import PERFORMANCE
 from swingup.benchmark.judge import judge
 from swingup.benchmark.rollout import Trajectory
@@ -39,7 +38,7 @@ def measured(trajectory, plant):
 
 
 def small(robot=ACROBOT, seed=0):
-    actor = init_actor(jax.random.key(seed), 6, 1, (8, 8), -1.0)
+    actor = new_actor(6, (8, 8), seed)
     actor = eqx.tree_at(lambda a: a.mean_head.weight, actor, replace_fn=lambda w: 30 * w)
     return PolicyController(Policy((PendulumStage(angles="sincos"),), actor), 6.0, robot)
 

@@ -250,10 +250,10 @@ def test_steps_are_pythons(page):
 
 
 def test_the_closed_loop_is_pythons(page, either_robot):
-    robot, rules = either_robot, dataclasses.replace(PERFORMANCE, duration=5.0)
-    rows = page.evaluate("(robot) => swingup.simulate(robot, [0, 0, 0, 0], 2500)", robot.name)
+    robot, rules = either_robot, dataclasses.replace(PERFORMANCE, duration=3.0)
+    rows = page.evaluate("(robot) => swingup.simulate(robot, [0, 0, 0, 0], 1500)", robot.name)
     expected = judge(load_controller("ar-eapo", robot.name), robot, rules).trajectory
-    assert len(rows["x"]) == 2500 == len(expected.time)
+    assert len(rows["x"]) == 1500 == len(expected.time)
     np.testing.assert_allclose(rows["time"], expected.time, rtol=0, atol=1e-12)
     # Both compute in double precision. A torque that is wrong by 1e-3 N m (4e-3 rad) or late by one step (0.2 rad)
     # is far beyond. Upright, the loop forgets.

@@ -73,9 +73,9 @@ def test_practice_observes_and_acts_as_the_task():
     # Those of the shortest paths can be held, and are closer to upright than the others.
     assert np.quantile(np.abs(starts[:, 1]), 0.2) < 0.01 < np.quantile(np.abs(starts[:, 1]), 0.8)
     practice, task = AcrobotPractice(starts=starts, start_share=1.0), AcrobotSwingup()
-    state = practice.reset(jax.random.key(1))
+    state = jax.jit(lambda key: practice.reset(key))(jax.random.key(1))
     assert np.any(np.all(starts == state.x, axis=1))
-    mine = practice.step(state, np.array([0]), jax.random.key(2))
+    mine = jax.jit(lambda *given: practice.step(*given))(state, np.array([0]), jax.random.key(2))
     step = jax.jit(task.step)(state, np.array([-1.0], np.float32), jax.random.key(2))
     np.testing.assert_allclose(mine.state.x, step.state.x, rtol=1e-6)
     seen = np.asarray(step.observation)

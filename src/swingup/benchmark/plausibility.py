@@ -96,6 +96,9 @@ COARSEST = 0.05
 MOST_SUBSTEPS = 16
 """Steps of RK4 from a row to the next that are compiled, where friction is stiff."""
 
+CHUNK = 5_000
+"""Rows that are simulated at a time, so that recordings of any length share one compiled program."""
+
 _steps = jax.jit(jax.vmap(rk4_steps, in_axes=(None, 0, 0, 0, None)), static_argnums=4)
 
 
@@ -295,11 +298,15 @@ def _defect(
     # Longer periods are cut short and then ignored: every row stays, and the batch keeps its shape.
     step = np.minimum(period, COARSEST)
     scales, least = scales_of(plants[1]), LARGEST_NUMBER
+    chunks = -(-len(step) // CHUNK)
+    rows = [np.resize(each, (chunks, CHUNK, *each.shape[1:])) for each in (x[:-1], u[:-1], step)]
     for parameters in plants:
         with jax.enable_x64(True):
             # C.1 keeps one step, with friction as well.
             number = 1 if scales.time == 1 else stable_substeps(parameters, float(np.median(step)))
-            after = np.asarray(_steps(parameters, x[:-1], u[:-1], step, min(number, MOST_SUBSTEPS)))
+            steps = min(number, MOST_SUBSTEPS)
+            after = np.concatenate([_steps(parameters, *chunk, steps) for chunk in zip(*rows, strict=True)])
+        after = after[: len(step)]
         defect = np.where((period <= COARSEST)[:, None], x[1:, 2:] - after[:, 2:], 0.0)
         found = float(np.abs(_in_windows(defect, period)).max())
         least = min(least, found if math.isfinite(found) else LARGEST_NUMBER)

@@ -171,7 +171,9 @@ class _Problem:
         low, high = (self.low - self.centre) / self.spread, (self.high - self.centre) / self.spread
         # Bounds rarely matter, and a scan solves hundreds of readings.
         if np.any(deviation < low) or np.any(deviation > high):
-            deviation = lsq_linear(rows, left, (low, high), method="bvls").x
+            # The same least squares in as many rows as there are parameters, not in hundreds.
+            turned, triangle = np.linalg.qr(rows)
+            deviation = lsq_linear(triangle, turned.T @ left, (low, high), method="bvls").x
         return deviation
 
     def _whitener(self, found: np.ndarray) -> tuple[np.ndarray, float]:
