@@ -6,23 +6,23 @@ import numpy as np
 
 
 def derivative(p, x, u):
-    """The benchmark's equations of motion, written out as there and solved by LAPACK."""
-    q2, dq1, dq2 = x[1:]
-    h = p["m2"] * p["l1"] * p["r2"]
+    """The benchmark's equations of motion, written out as there and solved by Cramer's rule."""
+    _, q2, dq1, dq2 = map(float, x)
+    (g1, g2), (u1, u2), h = gravity(p, x), u, p["m2"] * p["l1"] * p["r2"]
     m12 = p["I2"] + h * math.cos(q2) - p["gr"] * p["Ir"]
     m22 = p["I2"] + p["gr"] ** 2 * p["Ir"]
     m11 = p["I1"] + p["I2"] + p["m2"] * p["l1"] ** 2 + 2 * h * math.cos(q2) + (p["gr"] ** 2 + 1) * p["Ir"]
-    coriolis = h * math.sin(q2) * np.array([[-2 * dq2, -dq2], [dq1, 0.0]])
-    friction = np.array(
-        [p["b1"] * dq1 + p["cf1"] * math.atan(100 * dq1), p["b2"] * dq2 + p["cf2"] * math.atan(100 * dq2)]
-    )
-    ddq = np.linalg.solve([[m11, m12], [m12, m22]], gravity(p, x) + u - coriolis @ x[2:] - friction)
-    return np.concatenate([x[2:], ddq])
+    coriolis = h * math.sin(q2)  # C = h sin q2 [[-2 dq2, -dq2], [dq1, 0]]
+    right1 = g1 + u1 + coriolis * (2 * dq2 * dq1 + dq2**2) - p["b1"] * dq1 - p["cf1"] * math.atan(100 * dq1)
+    right2 = g2 + u2 - coriolis * dq1**2 - p["b2"] * dq2 - p["cf2"] * math.atan(100 * dq2)
+    determinant = m11 * m22 - m12**2
+    ddq1, ddq2 = m22 * right1 - m12 * right2, m11 * right2 - m12 * right1
+    return np.array([dq1, dq2, ddq1 / determinant, ddq2 / determinant])
 
 
 def gravity(p, x):
     """G(q)."""
-    q1, q2 = x[:2]
+    q1, q2 = map(float, x[:2])
     return -p["g"] * np.array(
         [
             p["m1"] * p["r1"] * math.sin(q1) + p["m2"] * (p["l1"] * math.sin(q1) + p["r2"] * math.sin(q1 + q2)),

@@ -49,13 +49,13 @@ CONVENTIONS = {
     "absolute, up": (lambda c: {"q1": c.q1 - PI, "q2": c.q1 + c.q2 - PI, "d2": c.d1 + c.d2},
                      f"q1=pos_meas1+pi {ABSOLUTE}"),
     "reversed": (lambda c: {"q2": -c.q2, "d2": -c.d2}, "q2=-pos_meas2 dq2=-vel_meas2"),
-    "torques swapped": (lambda c: {"u1": c.u2, "u2": c.u1}, SWAPPED),
     "counts": (angles(lambda q: np.round(q * 4096 / TURN)), "q1=pos_meas1:counts/4096 q2=pos_meas2:counts/4096"),
     "mN m": (torques(lambda u: 1000 * u), "u1=tau_con1:mNm u2=tau_con2:mNm"),
     "milliseconds": (lambda c: {"t": np.round(1000 * c.t)}, "time=time:ms"),
 }  # fmt: skip
 """What was done to a log, and the words that undo it."""
 MORE_CONVENTIONS = {
+    "torques swapped": (lambda c: {"u1": c.u2, "u2": c.u1}, SWAPPED),
     "up": (lambda c: {"q1": c.q1 - PI}, "q1=pos_meas1+pi"),
     "folded": (lambda c: {"q2": c.q2 + PI}, "q2=pos_meas2+pi"),
     "turns, rpm": (lambda c: angles(lambda q: q / TURN)(c) | rates(lambda d: d * 60 / TURN)(c),

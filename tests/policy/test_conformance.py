@@ -50,8 +50,8 @@ BRIEF = 600
 
 MEMORYLESS = [*(f"{robot}-ar-eapo" for robot in ("acrobot", "pendubot")), *SMALL, SIGHTED]
 """No loop tells more of them than their states do; those behind an estimator have the networks of these."""
-SLOW = ("acrobot-global", ESTIMATED[1], "pendubot-global")
-"""Their loops take seconds to compile."""
+SLOW = (ESTIMATED[1], "pendubot-global", ADAPTIVES[1])
+"""What the acrobot's tell of a back end, theirs repeat."""
 
 
 WHOLE = ("jax", "numpy", "c")
@@ -63,8 +63,8 @@ FOLLOWED = 1e-6
 
 
 def a_cell(name, back_end, sensor):
-    slow = sensor != "states" if name in SLOW else (name, back_end) == (ADAPTIVES[1], "c")
-    slow |= name == ESTIMATED[0] and back_end == "jax"
+    slow = name in SLOW or (name == ESTIMATED[0] and back_end == "jax")
+    slow |= name == "acrobot-global" and sensor != "states"  # its loops take seconds to compile
     slow |= name == ESTIMATED[0] and back_end == "numpy" and sensor not in FEW
     marks = [pytest.mark.slow] if slow else []
     return pytest.param(name, back_end, sensor, id=f"{name}-{back_end}-{sensor}", marks=marks)

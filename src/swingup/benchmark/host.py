@@ -55,6 +55,7 @@ def simulate_on_host(
         except SwingupError as error:
             calls.append(_silent)
             faults[index] = str(error)
+    scenarios = jax.device_put(scenarios)  # once, not at each step
     # A batch even for one simulation: the compiled half steps have a leading axis.
     start = jax.vmap(lambda each: initial_loop(jnp.zeros(4), depth, each.disturbance, dt, each.supervisor))
     loop: LoopState = start(scenarios)
