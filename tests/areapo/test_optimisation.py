@@ -39,6 +39,15 @@ def test_the_temperature_is_lower_for_a_while(done, factor):
     assert float(found.temperature) == pytest.approx(2.0 * factor, rel=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("done", "most"), [(0, 0.98), (100, 0.98), (200, 1 - 0.002**0.5), (300, 0.9), (10**6, 0.9)]
+)
+def test_lambda_falls_once_after_a_third_of_the_schedule(done, most):
+    config = dataclasses.replace(CONFIG, schedule="anneal_lambda", schedule_frames=300_000, gae_lambda=(0.98, 0.93))
+    found = jax.jit(scheduled)(config, jnp.array(done))
+    np.testing.assert_allclose(found.gae_lambda, (most, min(most, 0.93)), rtol=1e-6)
+
+
 def test_cycles_are_of_whole_iterations_and_a_constant_schedule_changes_nothing():
     config = dataclasses.replace(CONFIG, schedule_frames=99_001)  # 100 iterations, rounded up
     assert float(scheduled(config, jnp.array(99)).learning_rate) < 2e-4

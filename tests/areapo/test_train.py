@@ -10,7 +10,8 @@ import pytest
 from swingup.areapo import algorithm
 from swingup.areapo.algorithm import loss
 from swingup.areapo.config import Config
-from swingup.areapo.initial import init_learner, std_share
+from swingup.areapo.exploration import fit_deviation
+from swingup.areapo.initial import init_learner
 from swingup.areapo.optimisation import adapted_step
 from swingup.areapo.terminations import BOOTSTRAP_SIZE, charge_resets
 from swingup.plant.robots import ROBOTS
@@ -242,12 +243,18 @@ def test_the_learning_rate_follows_the_kl_divergence(collected):
     assert jax.tree.all(jax.tree.map(np.allclose, halved.actor, same.actor))
 
 
-def test_actions_share_the_first_deviation():
-    """(3 / m)²: four actions have 9/16 each; no more than 1, no less than 0.15."""
-    config = dataclasses.replace(CONFIG, log_std_init=0.0, deviation="shared")
-    first = jax.jit(lambda key: init_learner(key, Spaces(3, 4), config).actor(jnp.zeros(3)))(jax.random.key(0))
-    np.testing.assert_allclose(first.log_std, np.log(9 / 16), rtol=1e-5)
-    assert [std_share(actions) for actions in (1, 3, 17)] == [1.0, 1.0, 0.15]
+@pytest.mark.parametrize(
+    ("cost", "done", "expected"), [(0.5, 0, 0.15), (5e5, 0, 0.15), (0.5, 1, 1.0), (0.0, 0, 1.0), (-0.5, 0, 1.0)]
+)
+def test_noise_that_costs_much_reward_is_lowered_after_the_first_rollout(collected, cost, done, expected):
+    config = dataclasses.replace(CONFIG, log_std_init=0.0, deviation="fitted")
+    state = init_learner(jax.random.key(0), Spaces(3, 4), config)
+    rng = np.random.default_rng(0)
+    latents = rng.normal(size=(64, 8, 4))
+    rewards = max(abs(cost), 1.0) * rng.normal(size=(64, 8)) - cost * np.sum(np.clip(latents, -1, 1) ** 2, axis=-1)
+    rollout = dataclasses.replace(collected[1], latents=latents, rewards=rewards)
+    fitted = fit_deviation(dataclasses.replace(state, iterations=jnp.asarray(done)), rollout, config)
+    np.testing.assert_allclose(np.exp(fitted.actor(jnp.zeros(3)).log_std), expected, rtol=1e-5)
 
 
 def test_table_one():

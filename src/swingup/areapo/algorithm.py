@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float
 from ..common.types import Count, Key, Scalar
 from ..tasks.task import AbstractTask, strongly_typed
 from .config import Config
+from .exploration import fit_deviation
 from .initial import begin_episodes, init_learner
 from .keys import COLLECT, IMPROVE, NEXT
 from .metrics import LossMetrics, Metrics, make_metrics
@@ -82,11 +83,12 @@ def collect(state: LearnerState, task: Task, config: Config) -> tuple[LearnerSta
 
 def update(state: LearnerState, rollout: Rollout, config: Config) -> tuple[LearnerState, Metrics]:
     """Learn from a rollout of any back end: estimate soft advantages and gains, then improve actor and critic."""
-    config = scheduled(config, state.iterations)
     state, charged, cost = charge_resets(state, rollout, config)
     state, scaled = scale_rewards(state, charged, config)
+    config = scheduled(config, state.iterations)
     state, frames, value_means = estimate(state, scaled, config)
     state, losses, gradient_norm = improve(state, frames, config)
+    state = fit_deviation(state, rollout, config)
     metrics = make_metrics(state, rollout, cost, value_means, losses, gradient_norm)
     return replace(state, key=jax.random.fold_in(state.key, NEXT), iterations=state.iterations + 1), metrics
 

@@ -24,10 +24,10 @@ TINY, HUGE = 1e-12, 1e12
 LARGEST_COUNT = 2**31 - 1
 """Frames and units are indexed in 32 bits."""
 
-Deviation = Literal["state", "action", "shared"]
+Deviation = Literal["state", "action", "fitted"]
 Gain = Literal["td", "advantage", "none"]
 Terminations = Literal["reset_cost", "adaptive_cost", "bootstrap", "end"]
-Schedule = Literal["constant", "anneal", "anneal_entropy"]
+Schedule = Literal["constant", "anneal", "anneal_entropy", "anneal_lambda"]
 Pair = tuple[float, float]
 """A value of the reward objective and one of the entropy objective."""
 
@@ -67,8 +67,8 @@ class Config(eqx.Module):
     deviation: Deviation = _word("state", Deviation)
     """What the standard deviation of continuous actions is. state: it depends on the state, and tanh bounds
     actions, as in the paper; action: each action has one that learns, and is clipped, as in Stable-Baselines3 and
-    CleanRL; shared: the same, and each of m actions begins with (3 / m)² of it, a share from 0.15 to 1. Discrete
-    actions have none."""
+    CleanRL; fitted: the same, and where actions cost much reward, 0.15 of it remains after the first rollout.
+    Discrete actions have none."""
     log_std_init: float = _number(-1.0, -20.0, 2.0)
     """Logarithm of the policy's initial standard deviation (before the bounds)."""
     temperature: float = _number(2.0, 0.0, HUGE)
@@ -105,7 +105,8 @@ class Config(eqx.Module):
     without gains, subtract their running mean. The temperature is then in this unit; metrics stay in the task's."""
     schedule: Schedule = _word("constant", Schedule)
     """What changes over schedule_frames, again and again. anneal: learning rate and clip range fall to 0.1 and 0.15
-    of themselves in the second half; anneal_entropy: before that, the temperature is lower for a while."""
+    of themselves in the second half; anneal_entropy: before that, the temperature is lower for a while.
+    anneal_lambda: once, λ falls to 0.9 after the first third."""
     schedule_frames: int = _static(12_000_000, 1)
     """Frames of a seed in a cycle of the schedule."""
 

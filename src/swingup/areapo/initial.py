@@ -1,7 +1,6 @@
 """The learner's state before its first iteration, its networks, and the start of new episodes."""
 
 import dataclasses
-import math
 
 import jax
 import jax.numpy as jnp
@@ -20,14 +19,13 @@ from .statistics import running_statistics
 def init_learner(key: Key, spaces: Spaces, config: Config) -> LearnerState:
     """The state of a learner that has observed no environment yet; gains and their trace start at 0."""
     actor_key, critic_key, state_key = jax.random.split(key, 3)
-    share = std_share(spaces.action_size) if config.deviation == "shared" else 1.0
     size, layers, activation = spaces.observation_size, config.policy_layers, config.activation
     actor: AbstractActor
     if spaces.choices:
         actor = init_categorical_actor(actor_key, size, spaces.choices, layers, activation)
     else:
-        log_std, bounds = config.log_std_init + math.log(share), TANH if config.deviation == "state" else "clip"
-        actor = init_actor(actor_key, size, spaces.action_size, layers, log_std, activation, bounds)
+        bounds: Bounds = TANH if config.deviation == "state" else "clip"
+        actor = init_actor(actor_key, size, spaces.action_size, layers, config.log_std_init, activation, bounds)
     critic = init_critic(critic_key, size, config.value_layers, activation)
     return LearnerState(
         actor=actor,
@@ -46,14 +44,6 @@ def init_learner(key: Key, spaces: Spaces, config: Config) -> LearnerState:
         step_scale=jnp.ones(()),
         sum_statistics=running_statistics(),
     )
-
-
-def std_share(actions: int) -> float:
-    """The share of the initial standard deviation that each of m actions has: (3 / m)², from 0.15 to 1.
-
-    With more, an ant's eight joints throw it onto its back, and where it goes says nothing of single actions.
-    """
-    return max(0.15, min(1.0, (3 / actions) ** 2))
 
 
 def begin_episodes(state: LearnerState, observations: Float[Array, "envs n"]) -> LearnerState:

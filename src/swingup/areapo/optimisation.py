@@ -1,6 +1,7 @@
 """Adam's steps: their size over a run, in cycles that begin anew (warm restarts), and the order of the frames."""
 
 from dataclasses import replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +13,8 @@ from .config import Config
 
 ADAM_EPSILON = 1e-5
 """Adam's ε (authors' code)."""
+TRUSTING_LAMBDA = 0.9
+"""λ where the critic is trusted."""
 WORD = 32
 """Bits of a number that is sorted for a random order."""
 LEAST_RANDOM = 12
@@ -33,11 +36,18 @@ def scheduled(config: Config, iterations: Count) -> Config:
     ``anneal``: in the second half of each cycle the learning rate falls to 0.1 of itself and the clip range to
     0.15, by the same factor in equal times: late policies fall less often. ``anneal_entropy``: before, with 0.55 of
     the temperature from 0.15 to 0.4 of a cycle, a better swing-up is found. Warm restarts: arXiv 1608.03983.
+    ``anneal_lambda``: with a small λ an untrained critic misleads; a trained one spares the noise of a large λ. So
+    λ falls, 1 - λ by the same factor in equal times, from the first third of ``schedule_frames`` to their end.
     """
     if config.schedule == "constant":
         return config
     # Rounded up: a run of just one cycle ends before the next begins.
     cycle = -(-config.schedule_frames // config.rollout_size)
+    if config.schedule == "anneal_lambda":
+        fallen = jnp.clip((3.0 * iterations / cycle - 1.0) / 2.0, 0.0, 1.0)
+        most = 1.0 - (1.0 - config.gae_lambda[0]) ** (1.0 - fallen) * (1.0 - TRUSTING_LAMBDA) ** fallen
+        lambdas: Any = tuple(jnp.minimum(each, most) for each in config.gae_lambda)
+        return replace(config, gae_lambda=lambdas)
     done, half = iterations % cycle, max(1, cycle // 2)
     rate = optax.exponential_decay(1.0, half, 0.1, transition_begin=cycle - half)(done)
     clip = optax.exponential_decay(1.0, half, 0.15, transition_begin=cycle - half)(done)
