@@ -10,8 +10,7 @@ import pytest
 from swingup.areapo import algorithm
 from swingup.areapo.algorithm import loss
 from swingup.areapo.config import Config
-from swingup.areapo.exploration import fit_deviation
-from swingup.areapo.initial import init_learner
+from swingup.areapo.initial import fit_deviation, init_learner
 from swingup.areapo.optimisation import adapted_step
 from swingup.areapo.terminations import BOOTSTRAP_SIZE, charge_resets
 from swingup.plant.robots import ROBOTS

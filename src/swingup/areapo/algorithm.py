@@ -16,8 +16,7 @@ from jaxtyping import Array, Bool, Float
 from ..common.types import Count, Key, Scalar
 from ..tasks.task import AbstractTask, strongly_typed
 from .config import Config
-from .exploration import fit_deviation
-from .initial import begin_episodes, init_learner
+from .initial import begin_episodes, fit_deviation, init_learner
 from .keys import COLLECT, IMPROVE, NEXT
 from .metrics import LossMetrics, Metrics, make_metrics
 from .networks import AbstractActor, Critic, sample_actions

@@ -1,4 +1,4 @@
-"""Adam's steps: their size over a run, in cycles that begin anew (warm restarts), and the order of the frames."""
+"""Adam's steps, the order of their frames, and the hyperparameters that change over a run."""
 
 from dataclasses import replace
 from typing import Any
