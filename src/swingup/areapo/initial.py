@@ -68,10 +68,8 @@ def fit_deviation(state: LearnerState, rollout: Rollout, config: Config) -> Lear
     costly = mean(efforts * rewards, rollout.counted) < -jnp.sqrt(COSTLY * variances)
     bias = actor.std_head.bias
     lower = jnp.minimum(bias, config.log_std_init + math.log(LEAST_SHARE))
-    bias = jnp.where((state.iterations == 0) & costly, lower, bias)
-    return dataclasses.replace(
-        state, actor=dataclasses.replace(actor, std_head=Linear(actor.std_head.weight, bias))
-    )
+    head = Linear(actor.std_head.weight, jnp.where((state.iterations == 0) & costly, lower, bias))
+    return dataclasses.replace(state, actor=dataclasses.replace(actor, std_head=head))
 
 
 def begin_episodes(state: LearnerState, observations: Float[Array, "envs n"]) -> LearnerState:
