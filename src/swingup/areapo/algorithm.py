@@ -84,6 +84,7 @@ def update(state: LearnerState, rollout: Rollout, config: Config) -> tuple[Learn
     """Learn from a rollout of any back end: estimate soft advantages and gains, then improve actor and critic."""
     state, charged, cost = charge_resets(state, rollout, config)
     state, scaled = scale_rewards(state, charged, config)
+    # After the scaling: a λ that falls leaves the rewards' unit as it is.
     config = scheduled(config, state.iterations)
     state, frames, value_means = estimate(state, scaled, config)
     state, losses, gradient_norm = improve(state, frames, config)
