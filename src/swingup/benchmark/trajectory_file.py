@@ -36,9 +36,9 @@ def save_trajectory(path: str | Path, trajectory: Trajectory) -> None:
 def load_trajectory(path: str | Path, columns: Sequence[str] = ()) -> Trajectory:
     """Read a trajectory as NumPy arrays in float64, cut to the shortest of its columns.
 
-    SI units as in ``time[s]``, spaces, and a byte order mark or ``#`` before the header are accepted. ``columns``
-    are those of :func:`~swingup.common.table.read_table`. Refused are a column that is missing, there twice or in
-    another unit, fewer than three complete rows, a cell that is not a finite number, a time that does not increase.
+    Units as in ``time[ms]`` are converted; spaces, and a byte order mark or ``#`` before the header are accepted.
+    ``columns`` are those of :func:`~swingup.common.table.read_table`. Refused are a column that is missing or there
+    twice, fewer than three complete rows, a cell that is not a finite number, a time that does not increase.
     """
     table: Any = np.column_stack(list(read_table(path, _GROUPS, columns=columns).values.values()))
     return Trajectory(time=table[:, 0].copy(), x=table[:, 1:5].copy(), u=table[:, 5:].copy())
