@@ -54,7 +54,7 @@ class Entry:
         return factory()
 
     def answer(self, t: float, x: list[float]) -> dict[str, Any]:
-        """One call: its torques (N m), its time (s), and whether a guard has stopped the controller."""
+        """One call: its torques (N m) and its time (s)."""
         self.time = t
         if self._takes_motors:
             state = [SimpleNamespace(position=x[i], velocity=x[i + 2]) for i in (0, 1)]
@@ -74,8 +74,7 @@ class Entry:
         if u.shape != (2,) or u.dtype.kind not in "fiub":
             what = f"of shape {u.shape}" if u.dtype.kind in "fiub" else repr(given)[:60]
             raise FolderError(f"gave a torque at t = {t:g} s that is {what}: two real numbers [u1, u2] are needed")
-        stopped = getattr(self.controller, "fault", None) is not None
-        return {"u": [float(u[0]), float(u[1])], "seconds": seconds, "stopped": stopped}
+        return {"u": [float(u[0]), float(u[1])], "seconds": seconds}
 
     def facts(self) -> dict[str, Any]:
         """What the controller says about itself, and what it imported."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .process import FolderProcess, Reply
+from .process import FolderProcess
 
 WATCHED_TIME = 0.0005
 """The last part of a wait (s) is spent looking at the clock: a sleep may last longer than asked."""
@@ -39,22 +39,14 @@ class FolderController:
         """Wrap a running folder."""
         self._process = process
         self.timing = Timing()
-        self.stopped: float | None = None
-        """When a safety guard stopped the controller (s)."""
 
     def get_control_output(self, x: np.ndarray, t: float) -> np.ndarray:
         """The torques (2,) (N m) for the state x (4,) measured at time t (s)."""
         self._process.send(t, x)
         reply = self._process.receive()
         assert reply is not None  # it waits until there is one
-        self.note(reply, t)
-        return reply.u
-
-    def note(self, reply: Reply, t: float) -> None:
-        """Take an answer's measurements in."""
         self.timing.calls.append(reply.seconds)
-        if reply.stopped and self.stopped is None:
-            self.stopped = t
+        return reply.u
 
 
 class PacedController:
@@ -82,7 +74,7 @@ class PacedController:
         if reply is None:
             timing.missed += 1
         else:
-            self._inner.note(reply, t)
+            timing.calls.append(reply.seconds)
             self._held = reply.u
         return self._held
 

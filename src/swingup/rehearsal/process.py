@@ -32,8 +32,6 @@ class Reply:
     """Torques (2,) (N m)."""
     seconds: float
     """Time inside the call (s)."""
-    stopped: bool
-    """Whether a safety guard has stopped the controller."""
 
 
 class FolderProcess(AbstractContextManager["FolderProcess"]):
@@ -96,13 +94,13 @@ class FolderProcess(AbstractContextManager["FolderProcess"]):
         if wait is not None and time.perf_counter() + wait < end and not self._connection.poll(max(0.0, wait)):
             return None
         answer = self._answer(end, self._calling)
-        return Reply(np.array(answer["u"]), answer["seconds"], answer["stopped"])
+        return Reply(np.array(answer["u"]), answer["seconds"])
 
-    def guard_report(self) -> dict[str, Any]:
-        """Whether the controller has a safety guard, and when and why that stopped it."""
+    def stop(self) -> dict[str, Any] | None:
+        """When (s) and why a safety guard has stopped the controller, if it has."""
         self._doing = "its report"
-        facts = self._describe(self._calling)
-        return {name: facts[name] for name in ("guard", "stopped")}
+        found: dict[str, Any] | None = self._describe(self._calling)["stopped"]
+        return found
 
     def _describe(self, timeout: float) -> dict[str, Any]:
         self._send(None)

@@ -89,7 +89,7 @@ def rehearse(
     for case in cases:
         with FolderProcess(found, simulated_clock=not real_time, calling=calling) as process:
             timing, rows = _rows(process, board, setting, case, real_time)
-            stop = process.guard_report()["stopped"]
+            stop = process.stop()
         counted, end = recorded(rows, board.duration)
         run = board.score(case, counted, None, end)
         # The board has the guard's limits: it found a motion beyond one by itself.
