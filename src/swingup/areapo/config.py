@@ -30,6 +30,8 @@ Terminations = Literal["reset_cost", "adaptive_cost", "bootstrap", "end"]
 Schedule = Literal["constant", "anneal", "anneal_entropy", "anneal_lambda"]
 Pair = tuple[float, float]
 """A value of the reward objective and one of the entropy objective."""
+KINDS: dict[Any, Any] = {bool: bool | np.bool_, int: Integral, float: Real | np.ndarray | jax.Array}
+"""What values of a kind may be; arrays are traced, or batches for ``vmap``."""
 
 
 def _number(default: float | Pair, least: float, most: float) -> Any:
@@ -223,33 +225,16 @@ def _check_field(field: Any, value: Any) -> None:
     if "words" in field.metadata:
         one_of(name, value, field.metadata["words"])
         return
-    if not _is_of_kind(value, default, is_pair(name)):
+    several = isinstance(default, tuple)
+    kind = type(default[0] if several else default)
+    entries = value if isinstance(value, tuple) else (value,)
+    complete = len(entries) == 2 if is_pair(name) else bool(entries)
+    # To Python a truth value is an integer, too.
+    fits = all(isinstance(each, KINDS[kind]) and (kind is bool or not isinstance(each, bool)) for each in entries)
+    if isinstance(value, tuple) != several or not complete or not fits:
         raise SwingupError(f"{name} = {quoted(value)}: use {kind_of(name)}")
-    bounds = field.metadata["range"]
-    for each in value if isinstance(value, tuple) else (value,):
-        if isinstance(default, float) or is_pair(name):
-            if isinstance(each, Real):
-                finite_number(name, each, *bounds)
-        elif not isinstance(default, bool):
-            whole_number(name, each, *bounds)
-
-
-def _is_of_kind(value: Any, default: Any, pair: bool) -> bool:
-    # Before int: in Python a bool is an int.
-    if isinstance(default, bool):
-        return isinstance(value, bool | np.bool_)
-    if isinstance(value, bool):
-        return False
-    if pair:
-        return isinstance(value, tuple) and len(value) == 2 and all(_is_number(each) for each in value)
-    if isinstance(default, tuple):
-        return isinstance(value, tuple) and bool(value) and all(map(_is_integer, value))
-    return _is_integer(value) if isinstance(default, int) else _is_number(value)
-
-
-def _is_integer(value: Any) -> bool:
-    return isinstance(value, Integral) and not isinstance(value, bool)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, Real | np.ndarray | jax.Array) and not isinstance(value, bool)
+    for each in entries:
+        if kind is int:
+            whole_number(name, each, *field.metadata["range"])
+        elif kind is float and isinstance(each, Real):
+            finite_number(name, each, *field.metadata["range"])

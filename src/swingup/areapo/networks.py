@@ -8,8 +8,9 @@ update have a form for which XLA has a fast CPU kernel. ``vmap`` does not reach 
 """
 
 import abc
+import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 
 import equinox as eqx
@@ -89,12 +90,9 @@ class Categoricals(AbstractDistribution):
     choices: tuple[int, ...] = eqx.field(static=True)
     """Number of alternatives of each action."""
 
-    def _each(self, values: Float[Array, "k *batch"]) -> Iterator[Float[Array, "n *batch"]]:
+    def _each(self, values: Float[Array, "k *batch"]) -> list[Float[Array, "n *batch"]]:
         """The values of each action's alternatives in turn."""
-        start = 0
-        for size in self.choices:
-            yield values[start : start + size]
-            start += size
+        return jnp.split(values, list(itertools.accumulate(self.choices[:-1])))
 
     def sample(self, noise: Float[Array, "k *batch"]) -> Int[Array, "m *batch"]:
         """The actions for Gumbel noise: the most probable alternative after its addition (the Gumbel-max trick)."""

@@ -54,9 +54,7 @@ def scheduled(config: Config, iterations: Count) -> Config:
     config = replace(config, learning_rate=config.learning_rate * rate, clip_range=config.clip_range * clip)
     if config.schedule == "anneal":
         return config
-    falling, rising = (
-        optax.linear_schedule(*line) for line in [(1.0, 0.55, 0.15 * cycle), (0.55, 1.0, 0.25 * cycle)]
-    )
+    falling, rising = optax.linear_schedule(1.0, 0.55, 0.15 * cycle), optax.linear_schedule(0.55, 1.0, 0.25 * cycle)
     entropy = optax.join_schedules([falling, rising], [0.4 * cycle])(done)
     return replace(config, temperature=config.temperature * entropy)
 
