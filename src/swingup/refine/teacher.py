@@ -112,7 +112,7 @@ class School(NamedTuple):
 
 
 def make_school(
-    recovery: PolicyController, targets: Plant, copies: int, progress: Callable[[int, int], None] | None = None
+    recovery: PolicyController, targets: Plant, copies: int, progress: Callable[[int, int], None] = lambda *_: None
 ) -> School:
     """Teachers for drawn plants, as far as their swing-ups are reached, and for the nominal one.
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from ...common.checks import one_of
 from ...common.errors import SwingupError
 from ...dynamics.angles import UPRIGHT
 from ...loop.loop import LOOP_DT
-from ...plant.equations import StateFloats
 from ...plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ...plant.robots import Robot, get_robot
 from ...plant.units import Scales, scales_of, similar_plant
@@ -19,7 +19,6 @@ from ..interface.controller import AbstractController
 from ..swingups.design import compute_reference, design_model
 from ..swingups.reference import Reference, load_reference
 from .dry_friction import HAND_OVER, holding_lqr, passive_friction
-from .lqr import LQR
 from .mpc import mpc
 from .optimal import OPTIMAL_SETTINGS, Optimal
 from .own_units import in_own_units, optimal_for, published_for
@@ -72,15 +71,11 @@ class Design:
 
 def design_of(robot: Robot, plant: PlantLike) -> Design:
     """Settings for a plant; for the leaderboards' the published ones and the shipped swing-ups."""
-    model, published, optimal = (
-        design_model(plant, robot),
-        PUBLISHED_SETTINGS[robot.name],
-        OPTIMAL_SETTINGS[robot.name],
-    )
+    published, optimal = PUBLISHED_SETTINGS[robot.name], OPTIMAL_SETTINGS[robot.name]
+    model = design_model(plant, robot)
     scales = scales_of(model)
     # The driven joint's friction is compensated around the controller (own_units.py), which then has none.
-    cf1, cf2 = (0.0 if joint == robot.joint else cf for joint, cf in enumerate(_dry_friction(plant, robot)))
-    rubbing = model.changed(cf1=cf1, cf2=cf2)
+    rubbing = model.changed(**{f"cf{2 - robot.joint}": passive_friction(load_plant(plant).driven(robot), robot)})
     if model == design_model(LEADERBOARD, robot):
         return Design(robot, model, rubbing, scales, published, optimal, shipped=True)
     if not scales.torque > 0:
@@ -88,12 +83,6 @@ def design_of(robot: Robot, plant: PlantLike) -> Design:
     settings = published_for(published, scales.time), optimal_for(optimal, scales.time)
     model, rubbing = similar_plant(model, scales), similar_plant(rubbing, scales)
     return Design(robot, model, rubbing, scales, *settings, shipped=False)
-
-
-def _dry_friction(plant: PlantLike, robot: Robot) -> tuple[float, float]:
-    """Coulomb friction of both joints (N m)."""
-    driven = load_plant(plant).driven(robot)
-    return float(driven.cf1), float(driven.cf2)
 
 
 def baseline(name: str, robot: Robot | str, plant: PlantLike = LEADERBOARD) -> AbstractController[Any]:
@@ -110,41 +99,42 @@ def baseline(name: str, robot: Robot | str, plant: PlantLike = LEADERBOARD) -> A
     Raises:
         SwingupError: there is no such baseline, robot or plant.
     """
-    robot = get_robot(robot)
-    if name not in BASELINES:
-        raise SwingupError(f"unknown baseline {name!r}: use one of {', '.join(BASELINES)}")
-    design = design_of(robot, plant)
+    robot, name = get_robot(robot), one_of("baseline", name, BASELINES)
+    design, driven = design_of(robot, plant), load_plant(plant).driven(robot)
     designed = _designed(name, design)
     # C.1's own units need no conversion, and its published controllers stay as they are, bit for bit.
-    if design.shipped and not any(_dry_friction(plant, robot)):
+    if design.shipped and not (driven.cf1 or driven.cf2):
         return designed
-    return in_own_units(designed, load_plant(plant).driven(robot), robot, design.scales)
+    return in_own_units(designed, driven, robot, design.scales)
 
 
 def _designed(name: str, design: Design) -> AbstractController[Any]:
     """A baseline for the similar pendulum."""
-    parameters, robot, published, optimal = design.model, design.robot, design.published, design.optimal
-    settings = optimal.lqr if name == "tvlqr-score" else published.lqr
+    model, robot, published, optimal = design.model, design.robot, design.published, design.optimal
+    for_score = name == "tvlqr-score"
+    settings = optimal.lqr if for_score else published.lqr
     top = holding_lqr(design.rubbing, robot, settings, LOOP_DT / design.scales.time)
-    friction = passive_friction(design.rubbing, robot)
     if name == "lqr":
         return top
-    reference = design.reference("score" if name == "tvlqr-score" else "published")
-    if name == "tvlqr-score":
-        # Q and R are per second, as those of the LQR at the top, whose cost-to-go the recursion starts from.
-        Q, R = reference.dt * np.diag(optimal.lqr.state_weights), reference.dt * optimal.lqr.torque_weight
-        pieces = len(reference.torque) // optimal.rows_per_piece
-        following = tvlqr(reference, parameters, robot, (Q, R, np.asarray(top.cost_to_go)), pieces, friction)
-        return _ending(following, top, optimal.threshold)
-    if name == "tvlqr":
-        s = published.tvlqr
-        Q = np.diag(s.state_weights)
-        Qf = np.asarray(top.cost_to_go) if s.final_factor is None else s.final_factor * Q
-        following = tvlqr(reference, parameters, robot, (Q, s.torque_weight, Qf), s.pieces, friction)
-        return _ending(following, top, published.tvlqr_threshold)
+    following: AbstractController[Any]
+    reference = design.reference("score" if for_score else "published")
     if name == "ilqr-mpc":
-        return _ending(mpc(reference, parameters, robot, published.mpc), top, published.mpc_threshold)
-    return _ending(riccati_controller(reference, parameters), top, published.riccati_threshold)
+        following, threshold = mpc(reference, model, robot, published.mpc), published.mpc_threshold
+    elif name == "ilqr-riccati":
+        following, threshold = riccati_controller(reference, model), published.riccati_threshold
+    else:
+        Qf = np.asarray(top.cost_to_go)
+        if for_score:
+            # Q and R are per second, as those of the LQR at the top, whose cost-to-go the recursion starts from.
+            Q, R = reference.dt * np.diag(settings.state_weights), reference.dt * settings.torque_weight
+            pieces, threshold = len(reference.torque) // optimal.rows_per_piece, optimal.threshold
+        else:
+            s = published.tvlqr
+            Q, R, pieces, threshold = np.diag(s.state_weights), s.torque_weight, s.pieces, published.tvlqr_threshold
+            Qf = Qf if s.final_factor is None else s.final_factor * Q
+        following = tvlqr(reference, model, robot, (Q, R, Qf), pieces, passive_friction(design.rubbing, robot))
+    near = threshold if top.friction is None else HAND_OVER
+    return LatchingSwitch(following, top, np.array(near), robot)
 
 
 def shipped_reference(robot: Robot | str, problem: str = "published") -> tuple[Reference, dict[str, Any]]:
@@ -153,9 +143,7 @@ def shipped_reference(robot: Robot | str, problem: str = "published") -> tuple[R
     The problem is "published" for the one that the published baselines follow, "score" for that of ``tvlqr-score``.
     """
     robot = get_robot(robot)
-    if problem not in SHIPPED_TRAJECTORIES:
-        raise SwingupError(f"unknown problem {problem!r}: use one of {', '.join(SHIPPED_TRAJECTORIES)}")
-    file = f"{robot.name}-{SHIPPED_TRAJECTORIES[problem]}.safetensors"
+    file = f"{robot.name}-{SHIPPED_TRAJECTORIES[one_of('problem', problem, SHIPPED_TRAJECTORIES)]}.safetensors"
     with resources.as_file(resources.files("swingup") / "zoo" / file) as path:
         return load_reference(path)
 
@@ -182,8 +170,3 @@ def reaches_upright(reference: Reference, parameters: Plant) -> bool:
     limit = parameters.limit(reference.robot.joint)
     # The units of a plant are right to rounding.
     return bool(error < LARGEST_FINAL_ERROR and np.abs(reference.torque).max() <= limit * (1 + 1e-9))
-
-
-def _ending(first: AbstractController[Any], top: LQR, threshold: StateFloats) -> LatchingSwitch:
-    near = threshold if top.friction is None else HAND_OVER
-    return LatchingSwitch(first, top, np.array(near), top.robot)

@@ -86,7 +86,7 @@ def continue_swingups(
     robot: Robot | str,
     targets: Plant,
     settings: ContinuationSettings | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int], None] = lambda *_: None,
     nominal: Plant = LEADERBOARD,
 ) -> SwingUps:
     """Compute optimal swing-ups of many plants.
@@ -103,8 +103,7 @@ def continue_swingups(
         settings = _bounds_about(found, settings)
     for _ in range(settings.rounds):
         pending = np.flatnonzero((found.reached < 1.0) & (steps >= settings.smallest_step))
-        if progress is not None:
-            progress(number - len(pending), number)
+        progress(number - len(pending), number)
         if not len(pending):
             break
         for start in range(0, len(pending), settings.batch):

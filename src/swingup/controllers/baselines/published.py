@@ -15,10 +15,10 @@ from .lqr import LQRSettings
 class TVLQRSettings:
     """A time-varying LQR along a trajectory, in discrete time."""
 
-    state_weights: StateFloats
-    torque_weight: float
     final_factor: float | None
     """Q_f as a multiple of Q; None takes the S of the LQR at the top."""
+    state_weights: StateFloats = (0.64, 0.56, 0.13, 0.037)
+    torque_weight: float = 0.82
     pieces: int = 40
     """Cubics of the piecewise fit of the trajectory and the gains."""
 
@@ -38,18 +38,34 @@ class MPCSettings:
     pieces: int = 40
 
 
+_LQR = LQRSettings(state_weights=(0.97, 0.93, 0.39, 0.26), torque_weight=0.11, max_cost_to_go=1000.0)
+_MPC = MPCSettings(
+    # The final weights are configured as (100, 10, 10, 1); the published code uses the fourth one twice.
+    tracking=TrackingWeights(state=(0.1, 0.1, 0.01, 0.1), torque=0.1, final=(100.0, 10.0, 1.0, 1.0)),
+    upright=TrackingWeights(state=(0.1, 0.1, 0.01, 0.01), torque=0.1, final=(10.0, 10.0, 1.0, 1.0)),
+    settings=ILQRSettings(
+        max_iterations=10,
+        tolerance=1e-6,
+        regularisation=1.0,
+        min_regularisation=0.01,
+        max_regularisation=1e4,
+        torque_limit=6.0,
+    ),
+)
+
+
 @dataclass(frozen=True)
 class Published:
-    """All settings for one robot."""
+    """All settings for one robot; the defaults are those that both robots have."""
 
     swingup: SwingupProblem
-    lqr: LQRSettings
     tvlqr: TVLQRSettings
-    mpc: MPCSettings
     tvlqr_threshold: StateFloats
     """|errors| below which the LQR takes over from the TVLQR (rad, rad/s)."""
-    riccati_threshold: StateFloats
     mpc_threshold: StateFloats
+    riccati_threshold: StateFloats = (0.05, 0.05, 0.1, 0.1)
+    lqr: LQRSettings = _LQR
+    mpc: MPCSettings = _MPC
 
 
 def _swingup(weights: TrackingWeights, iterations: int, gain_regularisation: float) -> SwingupProblem:
@@ -75,22 +91,6 @@ def _swingup(weights: TrackingWeights, iterations: int, gain_regularisation: flo
     )
 
 
-_LQR = LQRSettings(state_weights=(0.97, 0.93, 0.39, 0.26), torque_weight=0.11, max_cost_to_go=1000.0)
-_TVLQR_WEIGHTS = (0.64, 0.56, 0.13, 0.037)
-_MPC = MPCSettings(
-    # The final weights are configured as (100, 10, 10, 1); the published code uses the fourth one twice.
-    tracking=TrackingWeights(state=(0.1, 0.1, 0.01, 0.1), torque=0.1, final=(100.0, 10.0, 1.0, 1.0)),
-    upright=TrackingWeights(state=(0.1, 0.1, 0.01, 0.01), torque=0.1, final=(10.0, 10.0, 1.0, 1.0)),
-    settings=ILQRSettings(
-        max_iterations=10,
-        tolerance=1e-6,
-        regularisation=1.0,
-        min_regularisation=0.01,
-        max_regularisation=1e4,
-        torque_limit=6.0,
-    ),
-)
-
 PUBLISHED_SETTINGS = {
     "acrobot": Published(
         swingup=_swingup(
@@ -102,11 +102,8 @@ PUBLISHED_SETTINGS = {
             iterations=840,
             gain_regularisation=9.33e5,
         ),
-        lqr=_LQR,
-        tvlqr=TVLQRSettings(_TVLQR_WEIGHTS, torque_weight=0.82, final_factor=100.0),
-        mpc=_MPC,
+        tvlqr=TVLQRSettings(final_factor=100.0),
         tvlqr_threshold=(0.1, 0.1, 0.5, 0.5),
-        riccati_threshold=(0.05, 0.05, 0.1, 0.1),
         mpc_threshold=(0.14, 0.14, 0.5, 0.5),
     ),
     "pendubot": Published(
@@ -115,11 +112,8 @@ PUBLISHED_SETTINGS = {
             iterations=3620,
             gain_regularisation=4.078e5,
         ),
-        lqr=_LQR,
-        tvlqr=TVLQRSettings(_TVLQR_WEIGHTS, torque_weight=0.82, final_factor=None),
-        mpc=_MPC,
+        tvlqr=TVLQRSettings(final_factor=None),
         tvlqr_threshold=(0.05, 0.05, 0.1, 0.1),
-        riccati_threshold=(0.05, 0.05, 0.1, 0.1),
         mpc_threshold=(0.2, 0.2, 1.0, 1.0),
     ),
 }

@@ -37,19 +37,11 @@ def save_reference_csv(path: str | Path, reference: Reference) -> None:
         SwingupError: the file cannot be written.
     """
     driven = np.array(reference.robot.actuation)
-    parts = {
-        ("time",): reference.time[:, None],
-        STATE_COLUMNS: reference.states,
-        TORQUE_COLUMNS: np.outer(reference.torque, driven),
-    }
     # The gains stand in the driven joint's row; the passive joint's row is 0.
-    parts[GAIN_COLUMNS] = np.kron(driven, np.asarray(reference.gains))
-    columns = {
-        name: column
-        for names, part in parts.items()
-        for name, column in zip(names, np.asarray(part).T, strict=True)
-    }
-    write_columns(path, columns)
+    torques, gains = np.outer(reference.torque, driven), np.kron(driven, np.asarray(reference.gains))
+    table = np.column_stack([reference.time, reference.states, torques, gains])
+    names = ("time", *STATE_COLUMNS, *TORQUE_COLUMNS, *GAIN_COLUMNS)
+    write_columns(path, dict(zip(names, table.T, strict=True)))
 
 
 def load_reference_csv(path: str | Path, robot: Robot | str) -> Reference:
