@@ -47,13 +47,12 @@ def simulate_on_host(
     the wall times of a step and of a call (s).
     """
     number = len(controllers)
-    calls: list[Answer] = []
+    calls: dict[int, Answer] = {}  # of the controllers without a fault
     faults: list[str | None] = [None] * number
     for index, controller in enumerate(controllers):
         try:
-            calls.append(controller.start())
+            calls[index] = controller.start()
         except SwingupError as error:
-            calls.append(_silent)
             faults[index] = str(error)
     scenarios = jax.device_put(scenarios)  # once, not at each step
     # A batch even for one simulation: the compiled half steps have a leading axis.
@@ -79,16 +78,16 @@ def simulate_on_host(
         measured, command = np.asarray(state, np.float64), np.zeros((number, 2))
         # No call during a throw, nor on a state that has diverged: that is not the fault of the controller.
         able = np.asarray(called) & np.isfinite(measured).all(axis=1)
-        for index, call in enumerate(calls):
-            if faults[index] is None and able[index]:
-                before = perf_counter()
-                try:
-                    command[index] = answer(call, measured[index], float(time[index, step]))
-                except SwingupError as error:
-                    faults[index] = str(error)
-                if len(took) < TIMED_CALLS:
-                    took.append(perf_counter() - before)
-        if None not in faults:
+        for index in [each for each in calls if able[each]]:
+            before = perf_counter()
+            try:
+                command[index] = answer(calls[index], measured[index], float(time[index, step]))
+            except SwingupError as error:
+                faults[index] = str(error)
+                del calls[index]
+            if len(took) < TIMED_CALLS:
+                took.append(perf_counter() - before)
+        if not calls:
             break  # every controller has failed
         if keep and scenarios.supervisor is not None:
             row = _record(scenarios, loop, state, command)
@@ -99,7 +98,3 @@ def simulate_on_host(
     kept_record = None if scenarios.supervisor is None else written
     rows = Trajectory(time=time, x=x, u=u, record=kept_record) if keep else None
     return SimulatedBatch(np.asarray(loop.x), faults, rows, median(took) if took else None)
-
-
-def _silent(x: np.ndarray, t: float) -> None:
-    """Stand in for a controller that could not be started; this is never called."""
