@@ -48,13 +48,8 @@ def _recalled(model: Model, root: Element) -> Model:
     element = root.find(OUR_ELEMENT) if root.tag == "robot" else root.find(f"custom/numeric[@name='{OUR_ELEMENT}']")
     if element is None or "data" not in element.attrib:
         return model
-    kept = dict(
-        zip(
-            CHOSEN_NUMBERS,
-            attributes_of(element).numbers("data", (0.0,) * len(CHOSEN_NUMBERS)).tolist(),
-            strict=True,
-        )
-    )
+    numbers = attributes_of(element).numbers("data", (0.0,) * len(CHOSEN_NUMBERS)).tolist()
+    kept = dict(zip(CHOSEN_NUMBERS, numbers, strict=True))
     # Who edits a body edits what the file says: stale numbers beside it must not win.
     if np.allclose(_motion(model.facts), _motion(model.facts | kept), rtol=1e-9, atol=0.0):
         return replace(model, facts=model.facts | kept)

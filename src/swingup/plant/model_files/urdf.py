@@ -125,10 +125,8 @@ def _hinge(joint: Element, driven: Mapping[str, float], notes: list[str]) -> Hin
         notes.append(
             f"friction of joint {quoted(name)} is taken as cf = {friction:g} N m, of which π/2 times acts at speed"
         )
-    direction, damping = (
-        unit(axis.numbers("xyz", (1, 0, 0)), f"joint {quoted(name)}"),
-        dynamics.number("damping", 0.0),
-    )
+    direction = unit(axis.numbers("xyz", (1, 0, 0)), f"joint {quoted(name)}")
+    damping = dynamics.number("damping", 0.0)
     return Hinge(name, direction, np.zeros(3), damping, friction, driven.get(name, 0.0), effort)
 
 
