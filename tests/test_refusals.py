@@ -44,7 +44,6 @@ from swingup.loop.on_plant import loop_around
 from swingup.plant.plant import load_plant
 from swingup.plant.robots import ROBOTS
 from swingup.policy.shipped import load_policy
-from swingup.refine.episodes import EpisodeSettings
 from swingup.refine.recipe import RECIPES, run_recipe
 from swingup.report.film import animate
 from swingup.report.page import render_page
@@ -103,7 +102,6 @@ ENTRIES = {
     usually(plot, kind="phase", files=["x"], out="out.png"): {
         "kind": ["histogram"], "files": [["missing"], ["."]], "out": ["out.gif", "out"],
     },
-    EpisodeSettings: {"nominal": [-1], "speed": [math.nan]},
     usually(PendulumEnv, robot="acrobot"): {"task": ["easy"], "render_mode": ["ansi"], "plant": ["C.2"]},
     usually(PendulumVectorEnv, robot="acrobot"): {"num_envs": [0], "task": ["easy"], "plant": ["C.2"]},
     usually(gymnasium.make, id="swingup/ContinuingHopper-v0"): {
@@ -161,7 +159,6 @@ TOGETHER = {
     "the trajectory holds values that are not finite": lambda: animate([(HOLE, "acrobot")], "film.gif"),
     # 2 s / 0.01 * 25 = 5000 frames of 2048 * 2048 = 4.2 million pixels.
     "5000 frames of 4194304 pixels": lambda: animate([(STILL, "acrobot")], "film.gif", speed=0.01, size=2048),
-    "no episodes": lambda: EpisodeSettings(nominal=0, anywhere=0, thrown=0),
     "for the pendubot, not for the acrobot": lambda: PendulumEnv("acrobot", PENDUBOTS),
     "has a plant of its own": lambda: PendulumVectorEnv("pendubot", task=PENDUBOTS, plant="A.0"),
     "unknown task 'hover'": lambda: get_task("hover", ACROBOT),

@@ -73,8 +73,7 @@ def dagger_rollouts(
     starts = np.where(still[..., None], rests, starts)
     thrown, acts = random.uniform(size=shape) < settings.thrown, random.uniform(size=shape) < own
     keys = jax.random.split(jax.random.key(int(random.integers(2**31))), shape)
-    run = _RunSettings(round(settings.duration / DT), settings.tube, settings.noise, settings.slowest)
-    rows = _runs(teachers, recovery, student, run, jnp.float32(starts), thrown, acts, keys)
+    rows = _runs(teachers, recovery, student, settings, jnp.float32(starts), thrown, acts, keys)
     x, u, distance = map(np.asarray, rows)
     good = np.isfinite(x).all((2, 3)) & (np.abs(x[..., 2:]).max((2, 3)) < SPOILT)
     plant = np.broadcast_to(which.astype(np.int32)[:, None, None], u.shape)
@@ -127,28 +126,19 @@ def _answers(
     return jax.lax.map(one, (x, plant), batch_size=256)
 
 
-class _RunSettings(NamedTuple):
-    """Static in a compiled program."""
-
-    steps: int
-    tube: float
-    noise: float
-    slowest: float
-
-
 @jax.jit(static_argnames="settings")
 def _runs(
     teachers: Teachers,
     recovery: PolicyController,
     student: PolicyController,
-    settings: _RunSettings,
+    settings: DistillationSettings,
     thrown_at: Float[Array, "plants runs 4"],
     thrown: Float[Array, "plants runs"],
     acts: Float[Array, "plants runs"],
     keys: Any,
 ) -> tuple[Array, Array, Array]:
     """States, the teachers' torques and the distances from the swing-ups, of every ``KEPT``-th step."""
-    joint = recovery.robot.joint
+    joint, steps = recovery.robot.joint, round(settings.duration / DT)
     driven = jnp.array(recovery.robot.actuation, jnp.float32)
 
     def run(teacher: Teachers, thrown_at: State, thrown: Flag, acts: Flag, key: Key) -> Any:
@@ -166,14 +156,11 @@ def _runs(
             base = teacher.nominal + known * (teacher.base - teacher.nominal)
             own = student.control(None, time, x, base)[1][joint]
             # The noise ends before the run does: it should come to rest.
-            noise = settings.noise * drift * (time < 0.6 * settings.steps * DT)
+            noise = settings.noise * drift * (time < 0.6 * steps * DT)
             torque = jnp.where(acts, own, u) * driven + noise
             return (rk4_steps(teacher.plant, x, torque, DT, 1), drift), (x, u, distance)
 
-        times, kicks = (
-            jnp.arange(settings.steps) * jnp.float32(DT),
-            jax.random.normal(noise_key, (settings.steps, 2)),
-        )
+        times, kicks = jnp.arange(steps) * jnp.float32(DT), jax.random.normal(noise_key, (steps, 2))
         rows = jax.lax.scan(step, (x0, jnp.zeros(2)), (times, kicks))[1]
         return jax.tree.map(lambda row: row[::KEPT], rows)
 

@@ -9,17 +9,9 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..common.checks import finite_number, whole_number
-from ..common.errors import SwingupError
 from ..loop.supervisors.throws import thrown_states
 from ..plant.plant import LEADERBOARD, PlantLike, load_plant
 from ..plant.robots import Robot
-
-EPISODE_KINDS = ("nominal", "anywhere", "thrown")
-"""Kinds of episodes, by where they start."""
-
-MOST_EPISODES = 100_000
-"""Episodes of one kind in a step: the states of more would not fit into memory."""
 
 
 @dataclass(frozen=True)
@@ -37,20 +29,6 @@ class EpisodeSettings:
     spread: float = 0.02
     """Largest standard deviation of the first states of ``nominal`` (rad, rad/s)."""
 
-    def __post_init__(self) -> None:
-        """Refuse settings without a meaning."""
-        for kind in EPISODE_KINDS:
-            whole_number(kind, getattr(self, kind), 0, MOST_EPISODES)
-        for name in ("speed", "spread"):
-            finite_number(name, getattr(self, name), 0.0, 100.0)
-        if self.episodes < 1:
-            raise SwingupError(f"no episodes: ask for some of {', '.join(EPISODE_KINDS)}")
-
-    @property
-    def episodes(self) -> int:
-        """Episodes of a step."""
-        return sum(getattr(self, kind) for kind in EPISODE_KINDS)
-
 
 class EpisodeBatch(eqx.Module):
     """The first states of a batch of episodes on the nominal plant."""
@@ -65,7 +43,7 @@ def sample_episodes(
     random: np.random.Generator, robot: Robot, settings: EpisodeSettings, plant: PlantLike = LEADERBOARD
 ) -> EpisodeBatch:
     """Draw the episodes of one step, in single precision."""
-    nominal, anywhere, thrown = (getattr(settings, kind) for kind in EPISODE_KINDS)
+    nominal, anywhere, thrown = settings.nominal, settings.anywhere, settings.thrown
     hanging = settings.spread * random.uniform(size=(nominal, 1)) * random.normal(size=(nominal, 4))
     rates = settings.speed * random.uniform(size=(anywhere, 1)) * random.normal(size=(anywhere, 2))
     free = np.concatenate([random.uniform(-np.pi, np.pi, (anywhere, 2)), rates], axis=1)

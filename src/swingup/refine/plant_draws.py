@@ -54,11 +54,6 @@ class PlantDraws:
     robot_margin: float = 0.1
     """The same of the robot's plants. The fits of single sessions lie at corners of the ranges, and beyond."""
 
-    @property
-    def plants(self) -> int:
-        """Number of plants of all kinds."""
-        return self.single + self.joint + self.friction + self.robot
-
 
 def draw_plants(
     random: np.random.Generator,
