@@ -1,7 +1,6 @@
 """Recordings of a run, from a simulation or a robot: the rows that count, and those that every score refuses."""
 
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,15 +22,7 @@ LEAST = 3
 """Rows of which costs can be summed."""
 
 
-class Rows(NamedTuple):
-    """A trajectory in float64: time (N,), x (N, 4) and u (N, 2), in s, rad, rad/s and N m."""
-
-    time: np.ndarray
-    x: np.ndarray
-    u: np.ndarray
-
-
-def checked_rows(trajectory: Trajectory | Rows, name: str = "the trajectory") -> Rows:
+def checked_rows(trajectory: Trajectory, name: str = "the trajectory") -> Trajectory:
     """A trajectory in float64, refused unless its rows are finite, three or more, and in the order of time."""
     time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
     rows = time.size
@@ -43,10 +34,10 @@ def checked_rows(trajectory: Trajectory | Rows, name: str = "the trajectory") ->
         raise SwingupError(f"{name} holds values that are not finite: end it before them")
     if not np.all(np.diff(time) > 0):
         raise SwingupError(f"{name}: its times do not increase, keep one run, in order")
-    return Rows(time, x, u)
+    return Trajectory(time, x, u)
 
 
-def scorable_rows(trajectory: Trajectory) -> Rows:
+def scorable_rows(trajectory: Trajectory) -> Trajectory:
     """A trajectory in float64, whose times are those of a run in seconds."""
     rows = checked_rows(trajectory)
     usual = float(np.median(np.diff(rows.time)))

@@ -6,13 +6,13 @@ Two loops run the same steps: :func:`simulate` compiles a whole simulation with 
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ..common.types import Count, Flag, Scalar, State, Torque
 from ..controllers.interface.controller import AbstractController
@@ -33,7 +33,8 @@ from ..loop.loop import LOOP_DT
 from ..loop.supervisors.supervisor import AbstractSupervisor, Intervention, no_intervention
 from ..plant.plant import Plant
 
-Rows = Array | np.ndarray
+Rows: TypeAlias = Any
+"""An array of JAX, or one of NumPy when the run is over."""
 
 
 class Record(eqx.Module):
@@ -58,6 +59,11 @@ class Trajectory(eqx.Module):
     """[u1, u2] (N m) that acted: after the torque limits, with pushes if there were any"""
     record: Record | None = None
     """None where no supervisor stands beside the controller."""
+
+    def take(self, rows: slice | np.ndarray) -> "Trajectory":
+        """Some of the rows in NumPy, without the robot's record."""
+        time, x, u = (np.asarray(part)[rows] for part in (self.time, self.x, self.u))
+        return Trajectory(time, x, u)
 
 
 class Scenario(eqx.Module):
@@ -230,10 +236,7 @@ def simulate(
         rows = Trajectory(time=time, x=before.x, u=after.u, record=record(scenario, loop, measured, command))
         return (after, memory, fault), rows
 
-    start = (
-        initial_loop(x0, depth, scenario.disturbance, dt, scenario.supervisor),
-        controller.init(),
-        jnp.array(-1),
-    )
+    first = initial_loop(x0, depth, scenario.disturbance, dt, scenario.supervisor)
+    start = first, controller.init(), jnp.array(-1)
     (loop, _, fault), trajectory = jax.lax.scan(step, start, jnp.arange(steps))
     return SimulationEnd(loop.x, fault), trajectory

@@ -53,7 +53,7 @@ def score(
     else:
         found = load_plant(plant)
     rows, setting = scorable_rows(trajectory), Setting(robot, found)
-    run = board.on(setting).score(Case(Scenario(setting.nominal)), Trajectory(*rows))
+    run = board.on(setting).score(Case(Scenario(setting.nominal)), rows)
     # The criteria of one run, also where the board itself shows those of many.
     result = summed_up(name, replace(board, domain=None, note=None), setting, (run,), ())
     findings = examine(trajectory, robot, board, found)

@@ -8,14 +8,14 @@ import numpy as np
 
 from ..benchmark.columns import COLUMNS
 from ..benchmark.criteria import tip_heights
-from ..benchmark.recording import Rows, checked_rows
+from ..benchmark.recording import checked_rows
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import CRITERIA
 from ..benchmark.score import score
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..plant.robots import Robot, get_robot
 from .figure import BARS, DOTS, LINE, PALE_BARS, RING, STAR, THIN, Curve, Figure, Mark, Panel
-from .inputs import CURVE_KEYS, RESETS_KEY, check_curve, check_robustness, require_some
+from .inputs import CURVE_KEYS, RESETS_KEY, check_curve, check_robustness
 
 TIME = "time (s)"
 LINKS = ("link-1", "link-2")
@@ -33,7 +33,6 @@ def trajectory_figure(
     the time from which the tip stays up. Names become titles. The passive joint's torque is drawn in grey unless it
     is zero.
     """
-    require_some(trajectories, "trajectory")
     robot, found = get_robot(robot), load_plant(plant)
     columns = []
     for name, given in trajectories.items():
@@ -48,7 +47,7 @@ def trajectory_figure(
 
 
 def motion_panels(
-    runs: Mapping[str, Rows], robot: Robot, plant: Plant, title: str = "", others: Sequence[Rows] = ()
+    runs: Mapping[str, Trajectory], robot: Robot, plant: Plant, title: str = "", others: Sequence[Trajectory] = ()
 ) -> list[Panel]:
     """Tip height, positions, velocities and torques over time.
 
@@ -84,14 +83,13 @@ def motion_panels(
 
 
 def phase_figure(
-    trajectories: Mapping[str, Trajectory | Rows], robot: Robot | str, colours: Sequence[str] | None = None
+    trajectories: Mapping[str, Trajectory], robot: Robot | str, colours: Sequence[str] | None = None
 ) -> Figure:
     """The phase portrait of each joint, velocity (rad/s) over position (rad), with start and goal.
 
     Angles are unwrapped from a start within half a turn of hanging; the goals are those nearest to the ends. With
     colours of both joints the lines after the first are thin; without them each trajectory has one.
     """
-    require_some(trajectories, "trajectory")
     robot, panels = get_robot(robot), []
     checked = {name: checked_rows(given, name) for name, given in trajectories.items()}
     for joint, place in enumerate(("shoulder", "elbow")):
@@ -129,12 +127,11 @@ def robustness_figure(results: Mapping[str, Mapping[str, Any]], pale: Sequence[s
     The legend also shows overall scores of results with intervals, and 95 % intervals become error bars.
     Those in ``pale`` stand back.
     """
-    require_some(results, "robustness score")
     for name, result in results.items():
         check_robustness(name, result)
     criteria = [name for name in CRITERIA if any(result.get(name) is not None for result in results.values())]
     group = min(0.84, 0.35 + 0.15 * len(results))
-    width, curves = group / len(results), []
+    width, curves = group / max(1, len(results)), []
     for k, (name, result) in enumerate(results.items()):
         places = [p for p, key in enumerate(criteria) if result.get(key) is not None]
         heights = np.array([float(result[criteria[p]]) for p in places])
@@ -162,7 +159,6 @@ def curves_figure(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
     Reward rate and resets are those of training, with the exploring policy. Where a run had resets, a third panel
     shows them. It has no line of a run that did not record them; the legend then has a dash.
     """
-    require_some(runs, "run")
     for name, rows in runs.items():
         check_curve(name, rows)
     rewards: list[Curve] = []

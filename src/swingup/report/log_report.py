@@ -9,7 +9,6 @@ import numpy as np
 from ..benchmark.columns import COLUMNS
 from ..benchmark.criteria import CAUSES
 from ..benchmark.log_comparison import ClosedLoop, Comparison
-from ..benchmark.recording import Rows
 from ..benchmark.result import Result
 from ..benchmark.rollout import Trajectory
 from ..identification.fit.prediction import INDEX
@@ -196,10 +195,10 @@ def _run(name: str, found: ClosedLoop) -> Part:
     return Part(f"Closed loop: {name}", note, [table], figure)
 
 
-def _thinned(rows: Trajectory) -> Rows:
+def _thinned(rows: Trajectory) -> Trajectory:
     """Rows about half of ``PERIOD`` apart."""
     every = max(1, round(PERIOD / float(np.median(np.diff(rows.time)))) // 2)
-    return Rows(*(np.asarray(part)[::every] for part in (rows.time, rows.x, rows.u)))
+    return rows.take(slice(None, None, every))
 
 
 def _outcome(name: str, run: Result) -> list[str]:

@@ -143,7 +143,7 @@ def make_show(name: str, controller: Any, robot: Robot, seed: int, plant: Plant 
             notes[str(error)] = None
         else:
             assert found is not None
-            runs[run] = Trajectory(found.time[::THINNING], found.x[::THINNING], found.u[::THINNING])
+            runs[run] = found.take(slice(None, None, THINNING))
     return Show(name, runs, "; ".join(notes) or None)
 
 

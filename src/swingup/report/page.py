@@ -15,7 +15,8 @@ import numpy as np
 
 from ..benchmark.columns import COLUMNS
 from ..benchmark.leaderboard import OURS
-from ..benchmark.recording import LEAST, Rows, checked_rows
+from ..benchmark.recording import LEAST, checked_rows
+from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import CRITERIA
 from ..common.errors import SwingupError, needing
 from ..common.files import check_suffix, write_atomically
@@ -119,7 +120,7 @@ def _encode(section: Section, arrays: dict[str, int]) -> dict[str, Any]:
     }
 
 
-def _drawable(show: Show) -> dict[str, Rows]:
+def _drawable(show: Show) -> dict[str, Trajectory]:
     """The runs of a show, each up to its first row that is not finite in single precision, if it has three rows."""
     runs = {}
     for run, given in show.runs.items():
@@ -127,13 +128,12 @@ def _drawable(show: Show) -> dict[str, Rows]:
             finite = [np.isfinite(np.asarray(part, np.float32)) for part in (given.time, given.x, given.u)]
         kept = np.logical_and.accumulate(finite[0] & finite[1].all(axis=1) & finite[2].all(axis=1))
         if kept.sum() >= LEAST:
-            cut = Rows(*(np.asarray(part)[kept] for part in (given.time, given.x, given.u)))
-            runs[run] = checked_rows(cut, f"trajectory of {one_line(show.name)}")
+            runs[run] = checked_rows(given.take(kept), f"trajectory of {one_line(show.name)}")
     return runs
 
 
 def _encode_show(
-    section: Section, name: str, playable: Mapping[str, Mapping[str, Rows]], arrays: dict[str, int]
+    section: Section, name: str, playable: Mapping[str, Mapping[str, Trajectory]], arrays: dict[str, int]
 ) -> dict[str, Any]:
     """A controller's runs for the player, and the figures that follow it."""
     runs, robot = playable[name], get_robot(section.robot)
