@@ -20,7 +20,7 @@ from ..report.inputs import make_labels, read_robustness
 from ..report.log_report import report_comparison
 from ..report.page import PAGE_FORMATS, save_log_report
 from .arguments import (
-    NO_PLANT,
+    NO_OPTIONS,
     PLANTS,
     Names,
     OptionalDomain,
@@ -66,8 +66,6 @@ def compare_command(
         out: page (.html) or figure (.png, .svg, .pdf) to write.
         json: print one JSON object.
     """
-    if not plant:
-        raise SwingupError("--plant needs at least one plant: a shipped name or a file")
     for option, value in {"--domain": domain, "--robot": robot and robot.name, "--seed": seed}.items():
         if controller is None and value is not None:
             raise SwingupError(f"{option} {one_line(value)} goes with a controller's runs: add --controller")
@@ -91,7 +89,7 @@ def plot_command(
     /,
     out: str,
     robot: OptionalRobot = None,
-    plant: PlantOptions = NO_PLANT,
+    plant: PlantOptions = NO_OPTIONS,
     columns: Names = (),
     fps: float = FPS,
     size: int = SIZE,

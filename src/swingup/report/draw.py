@@ -49,7 +49,7 @@ LOOKS: dict[str, dict[str, Any]] = {
 def draw(figures: Figure | Mapping[str, Figure], title: str = "") -> "Drawing":
     """Draw a figure, or several below each other."""
     given = {"": figures} if isinstance(figures, Figure) else figures
-    if not any(figure.panels for figure in given.values()):
+    if not any(panel.curves for figure in given.values() for panel in figure.panels):
         raise SwingupError("nothing to draw: no panel has data")
     heights = [_height(figure) for figure in given.values()]
     columns = max(figure.columns for figure in given.values())

@@ -29,12 +29,6 @@ LARGEST_RESULT = 1_000_000
 ROBUSTNESS_REMEDY = "write it with swingup evaluate --board robustness --json"
 
 
-def require_some(given: Mapping[str, Any], what: str) -> None:
-    """Refuse an empty mapping of things to draw."""
-    if not given:
-        raise SwingupError(f"nothing to draw: give at least one {what}")
-
-
 def read_robustness(path: str | Path) -> Any:
     """Read the JSON object of one robustness score."""
     try:
