@@ -12,7 +12,7 @@ from swingup.areapo.initial import begin_episodes, init_learner
 from swingup.learner import host_collection as host
 from swingup.learner.environments import make_environments
 from swingup.learner.host_backend import HostBackend
-from swingup.learner.host_collection import collect_on_host, new_tally
+from swingup.learner.host_collection import collect_on_host
 
 from .environments import Chain, Stairs
 
@@ -78,7 +78,7 @@ def test_rows_of_a_reset_do_not_count():
     state = backend.begin(backend.init(), 0)
     environments = make_environments(Chain(2, "walk", AutoresetMode.NEXT_STEP), 2)
     environments.reset(0)
-    _, rollout = collect_on_host(state, environments, new_tally(2), config)
+    _, rollout = collect_on_host(state, environments, config)
     # Four steps, of which the last ends, then the reset.
     np.testing.assert_array_equal(rollout.counted[:, 0], [1, 1, 1, 1, 0, 1, 1, 1, 1, 0, 1, 1])
     np.testing.assert_array_equal(np.flatnonzero(rollout.terminated[:, 0]), [3, 8])
@@ -93,7 +93,7 @@ def test_a_rollout_holds_what_the_actor_saw_and_did(mode):
     environments = make_environments(SyncVectorEnv([Stairs] * 3, autoreset_mode=mode), 3)
     state = jax.jit(init_learner, static_argnums=1)(jax.random.key(0), environments.spaces, config)
     state = begin_episodes(state, environments.reset(0))
-    after, rollout = collect_on_host(state, environments, new_tally(3), config)
+    after, rollout = collect_on_host(state, environments, config)
     log_prob = jax.jit(jax.vmap(jax.vmap(lambda o, z: state.actor(o).log_prob(z))))
     log_probs = log_prob(rollout.observations, rollout.latents)
     np.testing.assert_allclose(log_probs, rollout.log_probs, atol=1e-5)

@@ -18,11 +18,6 @@ from .evaluators import AbstractEvaluator
 TreeT = TypeVar("TreeT")
 
 
-def never() -> bool:
-    """Training that nothing stops."""
-    return False
-
-
 class AbstractBackend(abc.ABC):
     """A task to train on with one or several seeds, compiled or stepped by the host.
 
@@ -49,7 +44,7 @@ class AbstractBackend(abc.ABC):
 
     @abc.abstractmethod
     def train(
-        self, state: LearnerState, iterations: int, stopping: Callable[[], bool] = never
+        self, state: LearnerState, iterations: int, stopping: Callable[[], bool] = lambda: False
     ) -> tuple[LearnerState, list[dict[str, Any]]]:
         """Run iterations, fewer if ``stopping`` turns true, which is asked every few seconds.
 

@@ -21,7 +21,7 @@ from ..areapo.state import LearnerState
 from ..common.cores import cores
 from ..controllers.stack.policy import Policy
 from ..tasks.task import AbstractTask
-from .backend import AbstractBackend, never, split_seeds
+from .backend import AbstractBackend, split_seeds
 from .evaluators import AbstractEvaluator
 
 # Compiled once for all runs of a program. A single seed runs without vmap, which is slower on a CPU.
@@ -79,7 +79,7 @@ class CompiledBackend(AbstractBackend):
         return jax.device_put(state, NamedSharding(sharing_mesh(len(self._seeds)), PartitionSpec(AXIS)))
 
     def train(
-        self, state: LearnerState, iterations: int, stopping: Callable[[], bool] = never
+        self, state: LearnerState, iterations: int, stopping: Callable[[], bool] = lambda: False
     ) -> tuple[LearnerState, list[dict[str, Any]]]:
         """Run some iterations, on a CPU in compiled calls of about a second: they know no signals."""
         weights = sum(leaf.size for leaf in jax.tree.leaves((state.actor, state.critic)))

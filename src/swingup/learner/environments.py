@@ -98,6 +98,9 @@ class Environments:
         self._env, self._mode, self._name, self._lent = env, mode, name, lent
         self._resetting = np.zeros(self.num_envs, np.bool_)
         self._starts = np.zeros((self.num_envs, self.spaces.observation_size), np.float32)
+        self._returns, self._lengths = np.zeros(self.num_envs), np.zeros(self.num_envs, np.int64)
+        self.episodes: list[tuple[float, int]] = []
+        """Return and length of each episode that ended since the last reset; who reads them may clear them."""
 
     @property
     def own_resets(self) -> int:
@@ -108,6 +111,8 @@ class Environments:
         """Start new episodes in all environments, from a seed that fixes all later draws."""
         self._starts = self._begin(seed=seed)
         self._resetting = np.zeros(self.num_envs, np.bool_)
+        self._returns, self._lengths = np.zeros(self.num_envs), np.zeros(self.num_envs, np.int64)
+        self.episodes.clear()
         return self._starts.copy()
 
     def step(self, actions: Shaped[np.ndarray, "envs m"]) -> HostStep:
@@ -122,7 +127,13 @@ class Environments:
         )
         following, true_next = self._around_resets(observations, terminated | truncated, returned["infos"])
         rewards = np.where(counted, rewards, np.float32(0.0))
-        return HostStep(following, true_next, rewards, terminated, truncated, counted)
+        step = HostStep(following, true_next, rewards, terminated, truncated, counted)
+        self._returns += step.rewards
+        self._lengths += step.counted
+        for index in np.flatnonzero(step.ended):
+            self.episodes.append((float(self._returns[index]), int(self._lengths[index])))
+            self._returns[index], self._lengths[index] = 0.0, 0
+        return step
 
     def close(self) -> None:
         """Close the environments, unless their owner does."""
@@ -207,7 +218,8 @@ def make_environments(env: Any, num_envs: int) -> Environments:
         )
     if isinstance(env, VectorEnv):
         return Environments(checked_vector(env), lent=True)
-    makers = _only_makers(env) or [_maker(env)] * num_envs
+    found = _makers(env)
+    makers = [found] * num_envs if callable(found) else found
     with errors_named_after(f"making {num_envs} of {quoted(env, 200)}", f"use {MAKES_SENSE}"):
         # SAME_STEP spends no row on a reset.
         several = SyncVectorEnv(
@@ -227,31 +239,22 @@ def own_number(env: Any) -> int | None:
     """The number of environments that were passed in; None where there is something to make any number from."""
     if isinstance(env, VectorEnv):
         return int(env.num_envs)
-    makers = _only_makers(env)
-    return None if makers is None else len(makers)
+    makers = _makers(env)
+    return None if callable(makers) else len(makers)
 
 
-def _only_makers(env: Any) -> Sequence[Callable[[], Any]] | None:
-    """What makes each environment of a list of functions, or the one that was passed in; else None.
+def _makers(env: Any) -> Sequence[Callable[[], Any]] | Callable[[], Any]:
+    """What makes each environment of a list, or the one that was passed in; else what makes any number of them.
 
-    What ``gymnasium.make`` made does not count: its record makes more of it.
+    What ``gymnasium.make`` made does not count as passed in: its record makes more of it, with all its wrappers.
     """
     if isinstance(env, list | tuple) and env and all(map(callable, env)):
         return env
-    return [lambda: env] if isinstance(env, gymnasium.Env) and not _has_record(env) else None
-
-
-def _has_record(env: gymnasium.Env[Any, Any]) -> bool:
-    """Whether Gymnasium can make the environment again, with all its wrappers."""
-    spec = attribute(env, "spec")
-    # A wrapper that records no arguments has None here.
-    return spec is not None and all(wrapper.kwargs is not None for wrapper in spec.additional_wrappers)
-
-
-def _maker(env: Any) -> Callable[[], Any]:
-    """A function that makes one environment."""
     if isinstance(env, gymnasium.Env):
         spec = attribute(env, "spec")
+        # A wrapper that records no arguments has None here.
+        if spec is None or any(wrapper.kwargs is None for wrapper in spec.additional_wrappers):
+            return [lambda: env]
         # One window is for people; eight of them and five for the evaluation are not.
         window = {"render_mode": None} if spec.kwargs.get("render_mode") == "human" else {}
         return functools.partial(gymnasium.make, spec, **window)

@@ -15,9 +15,9 @@ from ..areapo.state import LearnerState
 from ..common.errors import SwingupError
 from ..controllers.stack.policy import Policy
 from ..tasks.task import Spaces
-from .backend import AbstractBackend, join_seeds, never, split_seeds
+from .backend import AbstractBackend, join_seeds, split_seeds
 from .environments import Environments, make_environments, own_number
-from .host_collection import compile_iteration, host_iteration, new_tally
+from .host_collection import compile_iteration, host_iteration
 from .host_evaluators import EpisodeEvaluator
 from .memory import check_memory
 from .rates import RESETS, REWARD_RATE, rates
@@ -44,7 +44,6 @@ class HostBackend(AbstractBackend):
         first = self._environments[0]
         check_memory(config, first.spaces, len(seeds))
         self._config, self._seeds = config, seeds
-        self._tallies = [new_tally(config.num_envs) for _ in seeds]
         self.evaluator = EpisodeEvaluator(env, name, first, seeds[0], episodes)
         # It cannot be made again, and resetting it would disturb training.
         self._scored_by_training = passed_in or not episodes
@@ -73,36 +72,32 @@ class HostBackend(AbstractBackend):
             mixed = int(np.random.SeedSequence([seed, iterations]).generate_state(1)[0] >> 1)
             return _begin(member, environments.reset(mixed))
 
-        self._tallies = [new_tally(self._config.num_envs) for _ in self._seeds]
         members = split_seeds(state, len(self._seeds))
         return join_seeds(list(map(begin, members, self._environments, self._seeds)))
 
     def train(
-        self, state: LearnerState, iterations: int, stopping: Callable[[], bool] = never
+        self, state: LearnerState, iterations: int, stopping: Callable[[], bool] = lambda: False
     ) -> tuple[LearnerState, list[dict[str, Any]]]:
         """Run some iterations of each seed; also reports the episodes that ended."""
         members = split_seeds(state, len(self._seeds))
         metrics: list[list[Metrics]] = [[] for _ in members]
-        for tally in self._tallies:
-            tally.returns.clear()
-            tally.finished.clear()
         resets = [each.own_resets for each in self._environments]
+        for each in self._environments:
+            each.episodes.clear()
         for iteration in range(iterations):
             if iteration and stopping():
                 break
-            for index, (environments, tally) in enumerate(zip(self._environments, self._tallies, strict=True)):
-                members[index], found = host_iteration(members[index], environments, tally, self._config)
+            for index, environments in enumerate(self._environments):
+                members[index], found = host_iteration(members[index], environments, self._config)
                 metrics[index].append(jax.device_get(found))
         self._training_results, rows = [], []
-        for each, environments, tally, before in zip(
-            metrics, self._environments, self._tallies, resets, strict=True
-        ):
-            row = jax.tree.map(lambda *leaves: np.mean(leaves, dtype=np.float32), *each).as_dict()
-            frames = len(each) * self._config.rollout_size
+        for own, environments, before in zip(metrics, self._environments, resets, strict=True):
+            row = jax.tree.map(lambda *leaves: np.mean(leaves, dtype=np.float32), *own).as_dict()
+            frames = len(own) * self._config.rollout_size
             row["termination_rate"] += (environments.own_resets - before) / frames
             # Perhaps no episode ended since the last report; an endless task never ends one.
-            episode_return = float(np.mean(tally.returns)) if tally.returns else None
-            episode_length = float(np.mean(tally.finished)) if tally.returns else None
+            means = [float(np.mean(each)) for each in zip(*environments.episodes, strict=True)]
+            episode_return, episode_length = means or (None, None)
             rows.append(row | {"episode_return": episode_return, "episode_length": episode_length})
             # The rates are those of all steps since the last report, also of episodes that go on.
             measured = rates(row["reward"], row["termination_rate"], environments.step_time)

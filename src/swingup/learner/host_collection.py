@@ -1,7 +1,7 @@
 """Collecting a rollout from environments that the host steps: one compiled call for each step of all of them."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -21,38 +21,9 @@ from ..common.types import Key
 from .environments import Environments, HostStep
 
 
-@dataclass
-class EpisodeTally:
-    """Returns of the finished episodes, and of those in progress."""
-
-    running: np.ndarray
-    """Sum of the rewards so far in each environment."""
-    lengths: np.ndarray
-    """Steps so far in each environment."""
-    returns: list[float] = field(default_factory=list)
-    finished: list[int] = field(default_factory=list)
-    """Lengths of the episodes that ended."""
-
-    def add(self, step: HostStep) -> None:
-        """Count a step of all environments."""
-        self.running += step.rewards
-        self.lengths += step.counted
-        for index in np.flatnonzero(step.ended):
-            self.returns.append(float(self.running[index]))
-            self.finished.append(int(self.lengths[index]))
-            self.running[index], self.lengths[index] = 0.0, 0
-
-
-def new_tally(num_envs: int) -> EpisodeTally:
-    """A tally before the first step."""
-    return EpisodeTally(np.zeros(num_envs), np.zeros(num_envs, np.int64))
-
-
-def host_iteration(
-    state: LearnerState, environments: Environments, tally: EpisodeTally, config: Config
-) -> tuple[LearnerState, Metrics]:
+def host_iteration(state: LearnerState, environments: Environments, config: Config) -> tuple[LearnerState, Metrics]:
     """One iteration, as :func:`swingup.areapo.algorithm.iteration` of a compiled task."""
-    state, rollout = collect_on_host(state, environments, tally, config)
+    state, rollout = collect_on_host(state, environments, config)
     return _update(state, rollout, config)
 
 
@@ -71,7 +42,7 @@ def compile_iteration(state: LearnerState, config: Config, all_count: bool) -> N
 
 
 def collect_on_host(
-    state: LearnerState, environments: Environments, tally: EpisodeTally, config: Config
+    state: LearnerState, environments: Environments, config: Config
 ) -> tuple[LearnerState, Rollout]:
     """Act for ``num_steps`` in every environment, as :func:`swingup.areapo.algorithm.collect` does."""
     actor, statistics, seen = state.actor, state.statistics, np.asarray(state.observations)
@@ -80,7 +51,6 @@ def collect_on_host(
     rows = []
     for index in range(1, config.num_steps + 1):
         step = environments.step(chosen.actions)
-        tally.add(step)
         true_next = None if step.true_next is step.following else step.true_next
         statistics, *answer = _advance(actor, statistics, step.following, true_next, noise[index])
         following, true_next, following_chosen = fetch(answer)
