@@ -150,7 +150,7 @@ def run_cases(
     board: AbstractBoard,
     setting: Setting,
     cases: Sequence[Case],
-    progress: Progress | None = None,
+    progress: Progress = lambda *_: None,
 ) -> SimulatedBatch:
     """Simulate cases of a board, as :func:`judge` does."""
     disturbances = [case.scenario.disturbance for case in cases]

@@ -4,6 +4,7 @@ import csv
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib import resources
 from typing import Any
 
@@ -111,7 +112,7 @@ def leaderboard(
         setting = make_setting(robot, board, found if board.domain is None else None)
         names = default_entrants(board) if entrants is None else entrants
         entered = entrants_for(robot, controllers or {}, names, alone=True, plant=setting.plant)
-        tables.append(_table(board, setting, seed, entered, recompute, progress))
+        tables.append(_table(board, setting, seed, entered, recompute, progress or (lambda *_: None)))
     return tables
 
 
@@ -181,7 +182,7 @@ def _table(
     seed: int,
     entrants: Mapping[str, Any],
     recompute: bool,
-    progress: RowProgress | None,
+    progress: RowProgress,
 ) -> Table:
     robot, ours = setting.robot, setting.plant == LEADERBOARD or board.domain is not None
     rows = published_rows(robot, board.name) if ours else []
@@ -196,12 +197,9 @@ def _table(
 
 
 def _row(
-    board: AbstractBoard, setting: Setting, seed: int, name: str, controller: Any, progress: RowProgress | None
+    board: AbstractBoard, setting: Setting, seed: int, name: str, controller: Any, progress: RowProgress
 ) -> Row:
-    def tell(done: int, total: int) -> None:
-        if progress is not None:
-            progress(f"{name}, {board.name}", done, total)
-
+    tell = partial(progress, f"{name}, {board.name}")
     # Told at once: compilation comes before the first finished simulation.
     tell(0, 1)
     plant = setting.plant if board.domain is None else None

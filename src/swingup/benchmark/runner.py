@@ -68,9 +68,8 @@ def _simulate(scenarios: Scenario, arrays: Any, static: Any, span: _Span, batche
 def prepare(source: Any, robot: Robot, name: str, plant: Plant | None = None) -> Controller:
     """Make a controller of any kind run on a robot, and say if it was made for a plant that differs much."""
     with naming(f"controller {name!r}"):
-        controller = (
-            source if isinstance(source, AbstractController | PythonController) else PythonController(source)
-        )
+        known = isinstance(source, AbstractController | PythonController)
+        controller = source if known else PythonController(source)
         check_robot(controller, robot)
         if isinstance(controller, AbstractController):
             with jax.enable_x64(True):
@@ -109,7 +108,7 @@ def run_many(
     steps: int,
     depth: int = 1,
     keep: bool = False,
-    progress: Progress | None = None,
+    progress: Progress = lambda *_: None,
 ) -> SimulatedBatch:
     """Simulate a batch of scenarios from hanging at rest.
 
@@ -134,7 +133,7 @@ def _length(scenarios: Scenario) -> int:
 
 
 def _run_compiled(
-    controller: AbstractController[Any], scenarios: Scenario, span: _Span, progress: Progress | None
+    controller: AbstractController[Any], scenarios: Scenario, span: _Span, progress: Progress
 ) -> SimulatedBatch:
     """One batch on an accelerator; on a CPU batches of one shape in a thread for each core, and one run alone.
 
@@ -168,8 +167,7 @@ def _run_compiled(
     try:
         for result in pool.map(run, range(parts)):
             results.append(result)
-            if progress is not None:
-                progress(min(len(results) * size, number), number)
+            progress(min(len(results) * size, number), number)
     finally:  # an interrupt must not wait for the parts that still run
         pool.shutdown(wait=False, cancel_futures=True)
     return _batch(jax.tree.map(lambda *leaves: np.concatenate(leaves)[:number], *results), span.dt)
@@ -188,7 +186,7 @@ def _is_sparing(controller: AbstractController[Any]) -> bool:
 
 
 def _run_plain(
-    controller: PythonController, scenarios: Scenario, span: _Span, progress: Progress | None
+    controller: PythonController, scenarios: Scenario, span: _Span, progress: Progress
 ) -> SimulatedBatch:
     number, runs = _length(scenarios), list[SimulatedBatch]()
     copies = controller.copies(min(SIDE_BY_SIDE, number))
@@ -201,8 +199,7 @@ def _run_plain(
         with jax.enable_x64(True):
             own = copies[: _length(part)]
             runs.append(simulate_on_host(part, own, *span, None if runs else timed))
-        if progress is not None:
-            progress(min(start + len(copies), number), number)
+        progress(min(start + len(copies), number), number)
     rows = jax.tree.map(lambda *parts: np.concatenate(parts), *[run.trajectory for run in runs])  # or None
     faults = [fault for run in runs for fault in run.faults]
     return SimulatedBatch(np.concatenate([run.final for run in runs]), faults, rows, runs[0].call_time)

@@ -104,7 +104,7 @@ def parse_alternatives(name: str, text: str) -> list[Any]:
 
 
 def run_jobs(
-    jobs: Sequence[Job], executor: Executor, progress: Callable[[Job, Row], None] | None = None
+    jobs: Sequence[Job], executor: Executor, progress: Callable[[Job, Row], None] = lambda *_: None
 ) -> list[Row]:
     """Run all jobs that are not done yet; a job that fails does not stop the others.
 
@@ -115,8 +115,7 @@ def run_jobs(
     for future in as_completed(futures):
         job, error = futures[future], future.exception()
         rows[job.folder] = row = future.result() if error is None else {"error": describe_error(error)}
-        if progress is not None:
-            progress(job, row)
+        progress(job, row)
     return [rows[job.folder] for job in jobs]
 
 
