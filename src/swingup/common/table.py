@@ -3,6 +3,7 @@
 import itertools
 import math
 import re
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
@@ -173,17 +174,12 @@ def _choose(
     wanted = [name for names in best if set(names) & set(missing) for name in names]
     # Where a column is not there at all, those of the others do not help.
     found = len(suggest_columns(titles, wanted)) == len(wanted)
-    words = " ".join(map(quote_word, suggest_columns(titles, wanted + absent) if found else ()))
+    words = shlex.join(suggest_columns(titles, wanted + absent) if found else ())
     remedy = f"write --columns {words}" if words else "map columns with --columns NAME=TITLE"
     have = quoted(", ".join(filter(None, header)), 200)
     raise SwingupError(
         f"{path} lacks {', '.join(missing)}: {remedy}{', if these are theirs' if words else ''}; it has {have}"
     )
-
-
-def quote_word(word: str) -> str:
-    """A word as a shell reads it."""
-    return word if re.fullmatch(r"[\w=+\-:/.,°µ]+", word) else "'" + word.replace("'", "'\\''") + "'"
 
 
 def _filled(cells: Cells, title: str) -> int:

@@ -19,9 +19,13 @@ def one_line(thing: object, length: int = 300) -> str:
     except (Exception, SystemExit) as error:  # a foreign __str__ may raise anything
         return f"<{type(thing).__name__} whose text raises {type(error).__name__}>"
     # Cut first: a text of gigabytes must not be copied.
-    words = " ".join(text[: 4 * length].split())
-    shown = "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in words)
+    shown = printable(" ".join(text[: 4 * length].split()))
     return shown if len(shown) <= length else shown[: length - 3] + "..."
+
+
+def printable(text: str) -> str:
+    """The text with line ends, escape sequences and broken characters written out as Python's escapes."""
+    return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
 
 
 def quoted(value: object, length: int = LONGEST_QUOTE) -> str:

@@ -137,10 +137,8 @@ def identify(
     # is judged on.
     final = solution if tests or not len(kept) else refit(problem, windows, solution)
     share = min(share, _possible_share(final, start_fit, plant))
-    solution, final = (
-        pulled(problem, kept, solution, start_fit, share),
-        pulled(problem, windows, final, start_fit, share),
-    )
+    solution = pulled(problem, kept, solution, start_fit, share)
+    final = pulled(problem, windows, final, start_fit, share)
     if share < 1.0:
         notes.append(_pulled_note(share))
     notes += mass_notes(problem, final.models[0], recordings[0])

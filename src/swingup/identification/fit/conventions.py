@@ -7,6 +7,7 @@ gives the columns their right meaning.
 
 import itertools
 import math
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -16,7 +17,6 @@ from jaxtyping import Float
 
 from ...common.columns import DEGREE, NEEDS_CONSTANT, TURN, UNITS, Column, unit_of
 from ...common.errors import SwingupError
-from ...common.table import quote_word
 from ..log.log_checks import slopes_of
 from ..log.recording import Recording
 from ..log.segments import Segments
@@ -130,7 +130,7 @@ class Finding:
     """Words of ``--columns``."""
 
     def __str__(self) -> str:
-        words = " ".join(map(quote_word, self.remedy))
+        words = shlex.join(self.remedy)
         return f"{self.text}; {f'if so, read it with --columns {words}' if words else 'correct the columns'}"
 
 
@@ -401,7 +401,7 @@ def mass_notes(problem: Problem, model: Float[np.ndarray, "15"], recording: Reco
         return [
             f"far from the starting plant's: {', '.join(far)}; check units and conventions, or give another --start"
         ]
-    words = " ".join(map(quote_word, remedy(recording, replace(AS_IS, torques=_SAME * float(f"{1 / factor:.3g}")))))
+    words = shlex.join(remedy(recording, replace(AS_IS, torques=_SAME * float(f"{1 / factor:.3g}"))))
     return [
         f"all masses are about {factor:.2g} times the starting plant's: if that one is right, the torques are "
         f"{1 / factor:.3g} times those of the log, as before a gear, or as currents: --columns {words}"

@@ -4,6 +4,7 @@ A log is read by the names of its columns. Periods may be uneven, and rows may r
 missing. What cannot be used is refused here; what can be used with care is a warning of the recording.
 """
 
+import shlex
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +14,7 @@ from jaxtyping import Bool, Float
 
 from ...common.columns import Column, suggest_columns
 from ...common.errors import SwingupError
-from ...common.table import Table, quote_word, read_table
+from ...common.table import Table, read_table
 from .episodes import continued, cut_episodes, one_clock
 from .log_checks import (
     LEAST_ROWS,
@@ -177,7 +178,7 @@ def _check_torques(name: str, table: Table, pairs: Collection[tuple[str, ...]]) 
             f"{short}=0 if joint {other[-1]} has no torque"
         )
     if likely := suggest_columns(table.unread, wanted):
-        words = " ".join(map(quote_word, likely))
+        words = shlex.join(likely)
         raise SwingupError(
             f"{name} lacks {', '.join(wanted)}: write --columns {words}, if these are torques, or u1=0 u2=0 for a "
             "free fall"
@@ -194,11 +195,9 @@ def _clean(name: str, table: Table) -> tuple[np.ndarray, np.ndarray, list[str]]:
         raise SwingupError(
             f"{name} has {len(rows)} rows with a time and both angles: at least {LEAST_ROWS} are needed"
         )
-    notes = (
-        [f"{len(time) - len(rows)} rows lack a time or an angle: they are left out"]
-        if len(rows) < len(time)
-        else []
-    )
+    notes = []
+    if lacking := len(time) - len(rows):
+        notes.append(f"{lacking} rows lack a time or an angle: they are left out")
     time = time[rows]
     steps = np.diff(time)
     period = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0

@@ -27,6 +27,8 @@ HISTORY = 0.06
 """Torques before the start of a window that are kept (s): the largest delay, and what a lag remembers."""
 AHEAD = 0.02
 """Torques after the end of a window that are kept (s): measured torques may be late."""
+BY_SEGMENT = ("log", "start", "states", "impulse")
+"""Fields with an entry for each segment."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +56,7 @@ class Segments:
 
     def take(self, rows: np.ndarray) -> "Segments":
         """Some of the segments, by their numbers or by truth values."""
-        names = ("log", "start", "states", "impulse")
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+        return replace(self, **{name: getattr(self, name)[rows] for name in BY_SEGMENT})
 
 
 def cut_windows(
@@ -107,8 +108,8 @@ def cut(
 
 def join(parts: Sequence[Segments]) -> Segments:
     """The segments of several recordings, in order."""
-    names = ("log", "start", "states", "impulse")
-    return replace(parts[0], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in BY_SEGMENT}
+    return replace(parts[0], **columns)
 
 
 def _smoothed(recording: Recording, times: Float[np.ndarray, "segments points"]) -> np.ndarray:
