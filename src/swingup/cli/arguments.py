@@ -87,9 +87,8 @@ class PlantOptions(TypedDict, total=False):
     frictionless: Annotated[bool, optional(text="leave the plant's friction and rotors' inertia out.")]
 
 
-NO_DISTURBANCE: DisturbanceOptions = {}
-DEFAULT_ESTIMATOR: EstimatorOptions = {}
-NO_PLANT: PlantOptions = {}
+NO_OPTIONS: Any = {}
+"""Nothing was given of a class of options."""
 
 
 def plant_of(options: PlantOptions) -> Plant:

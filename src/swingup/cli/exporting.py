@@ -24,7 +24,7 @@ from ..policy.guard.settings import GUARD, GuardSettings, choose_guard
 from ..policy.pendulum import PendulumPolicy
 from ..policy.plant_facts import write_plant
 from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_policy
-from .arguments import NO_PLANT, OptionalRobot, PlantOptions, plant_of, word_of
+from .arguments import NO_OPTIONS, OptionalRobot, PlantOptions, plant_of, word_of
 from .output import tell
 
 TRAJECTORY = "trajectory"
@@ -56,7 +56,7 @@ def export_command(
     guard: bool = True,
     velocity_limit: float | None = None,
     braking: float | None = None,
-    plant: PlantOptions = NO_PLANT,
+    plant: PlantOptions = NO_OPTIONS,
     seed: int | None = None,
 ) -> int:
     """Write a policy for RealAIGym, CloudPendulum, ONNX Runtime or C, or the swing-up that a baseline follows.

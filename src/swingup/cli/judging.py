@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from tyro.conf import Positional, arg
 
@@ -30,10 +30,8 @@ from ..report.make import make_section
 from ..report.page import render_page
 from . import tables
 from .arguments import (
-    DEFAULT_ESTIMATOR,
     EVERY_ROBOT,
-    NO_DISTURBANCE,
-    NO_PLANT,
+    NO_OPTIONS,
     ROBOT,
     ControllerName,
     ControllerNames,
@@ -66,8 +64,8 @@ def evaluate_command(
     controller: ControllerName = DEFAULT,
     board: Names = ("performance",),
     check: bool = False,
-    estimator: EstimatorOptions = DEFAULT_ESTIMATOR,
-    plant: PlantOptions = NO_PLANT,
+    estimator: EstimatorOptions = NO_OPTIONS,
+    plant: PlantOptions = NO_OPTIONS,
     domain: OptionalDomain = None,
     seed: int = 0,
     seeds: int | None = None,
@@ -75,7 +73,7 @@ def evaluate_command(
     grid: Names = (),
     json: bool = False,
     save: OptionalFile = None,
-    disturbance: DisturbanceOptions = NO_DISTURBANCE,
+    disturbance: DisturbanceOptions = NO_OPTIONS,
 ) -> int:
     """Judge a controller on one board or several: simulate its runs and score them.
 
@@ -107,28 +105,18 @@ def evaluate_command(
         return _check(controller, robot, wanted, plant_of(plant))
     # By its name, since a file may have ranges for the boards that draw plants.
     on = plant_of(plant) if plant.get("frictionless") else plant.get("plant")
-    disturbed = disturbance_of(disturbance)
+    loop: Any = {"plant": on, "domain": domain, "disturbance": disturbance_of(disturbance)}
     boards, results = _boards(board, criteria, grid), []
     if save is not None:
         if len(boards) > 1 or not boards[0].keeps_rows:
             raise SwingupError(f"--save writes a trajectory: {', '.join(board)} have none or several")
         check_writable(save)  # before the judging, which may take minutes
     for each in boards:
-        designed_for = designs_for(controller, make_setting(robot, each, on, domain, disturbed).plant)
+        designed_for = designs_for(controller, make_setting(robot, each, **loop).plant)
         with foreign_prints_apart(), Progress() as progress:
             found = get_controller(controller, robot, wanted, designed_for)
-            result = judge(
-                found,
-                robot,
-                each,
-                seeds,
-                seed=seed,
-                name=controller,
-                plant=on,
-                domain=domain,
-                disturbance=disturbed,
-                progress=partial(progress, each.name),
-            )
+            told = partial(progress, each.name)
+            result = judge(found, robot, each, seeds, seed=seed, name=controller, progress=told, **loop)
         results.append(result)
         if not json:
             tell(*result_lines(result, judged_name(controller, found)))
@@ -177,7 +165,7 @@ def leaderboard_command(
     /,
     controller: ControllerNames = (),
     board: Names = DEFAULT_BOARDS,
-    plant: PlantOptions = NO_PLANT,
+    plant: PlantOptions = NO_OPTIONS,
     seed: int = 0,
     recompute: bool = False,
     json: bool = False,
@@ -211,17 +199,11 @@ def leaderboard_command(
         for each in robot
     }
     with foreign_prints_apart(), Progress() as progress:
+        how: Any = {"boards": boards, "seed": seed, "recompute": recompute, "progress": progress, "plant": on}
         if page is None:
-            made = [
-                table
-                for each in robot
-                for table in leaderboard(each, mine[each], boards, seed, recompute, progress=progress, plant=on)
-            ]
+            made = [table for each in robot for table in leaderboard(each, mine[each], **how)]
         else:
-            sections = [
-                make_section(each, mine[each], seed, progress, plant=on, boards=boards, recompute=recompute)
-                for each in robot
-            ]
+            sections = [make_section(each, mine[each], **how) for each in robot]
             made = [table for section in sections for table in section.tables]
             write_atomically(page, render_page(sections).encode())
     if asked:
@@ -238,7 +220,7 @@ def score_command(
     /,
     robot: Annotated[Robot, ROBOT],
     board: ScoringBoard = "performance",
-    plant: PlantOptions = NO_PLANT,
+    plant: PlantOptions = NO_OPTIONS,
     columns: Names = (),
     force: bool = False,
     json: bool = False,

@@ -12,13 +12,10 @@ from rich.markup import escape
 from rich.measure import Measurement
 from rich.table import Table
 
+from ..common.text import printable
+
 WIDEST = 1000
 """No table needs more columns of text than this."""
-
-
-def printable(text: str) -> str:
-    """The text with line ends, escape sequences and broken characters written out as Python's escapes."""
-    return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
 
 
 def tell(*lines: str) -> None:

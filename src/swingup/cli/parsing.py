@@ -16,7 +16,7 @@ import tyro
 from tyro.conf import DisallowNone, OmitArgPrefixes, arg
 from tyro.constructors import PrimitiveConstructorSpec
 
-from ..common.checks import suggestion
+from ..common.checks import one_of, suggestion
 from ..common.errors import SwingupError
 from ..common.other_names import OTHER_NAMES
 from ..common.text import one_line, quoted
@@ -37,12 +37,9 @@ def parse(commands: Mapping[str, Command], words: Sequence[str], description: st
     name, *rest = words or [""]
     if name.startswith("-"):
         return _parse_alone(commands, words, description)
-    if name not in commands:
-        wanted = f"use one of {', '.join(commands)}{suggestion(name, commands)}"
-        raise SwingupError(
-            f"unknown command {quoted(name)}: {wanted}" if name else f"a command is missing: {wanted}"
-        )
-    program, command = f"{PROGRAM} {name}", commands[name]
+    if not name:
+        raise SwingupError(f"a command is missing: use one of {', '.join(commands)}")
+    program, command = f"{PROGRAM} {name}", commands[one_of("command", name, commands)]
     _check_options(program, command, rest)
     help_wanted = not HELP.isdisjoint(rest)
     try:

@@ -8,8 +8,7 @@ from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bar
 from rich.table import Column
 
-from ..common.text import duration
-from .output import printable
+from ..common.text import duration, printable
 
 SECONDS_BETWEEN_LINES = 10.0
 """Where there is no terminal for a bar."""

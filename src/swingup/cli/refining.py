@@ -34,7 +34,7 @@ from ..refine.recipe import ADAPT, RECIPES, RefinementReport, first_plant, run_r
 from ..report.log_report import report_adaptation
 from ..report.page import PAGE_FORMATS, save_log_report
 from .arguments import (
-    NO_PLANT,
+    NO_OPTIONS,
     OptionalDomain,
     OptionalFile,
     PlantOptions,
@@ -62,7 +62,7 @@ def refine_command(
     out: Annotated[str, arg(metavar="FILE.safetensors")],
     policy: Annotated[str | None, arg(metavar="POLICY")] = None,
     recipe: Annotated[str, word_of("recipe", *RECIPES)] = "recover",
-    plant: PlantOptions = NO_PLANT,
+    plant: PlantOptions = NO_OPTIONS,
     domain: OptionalDomain = None,
     frames: int | None = None,
     seed: int = 0,

@@ -18,10 +18,10 @@ from ..learner.run_settings import make_run_settings
 from ..sweep.runs import Job, Row, parse_alternatives, plan_jobs, run_jobs, summarise
 from ..sweep.search import best_trial, search, trial_row
 from ..sweep.workers import workers_for
-from .arguments import NO_PLANT, PlantOptions, RobotOrNone, plant_of, task_name
+from .arguments import NO_OPTIONS, PlantOptions, RobotOrNone, plant_of, task_name
 from .output import tell, tell_json, tell_table
 from .progress import Progress
-from .training import DEFAULT_RUN, RunOptions
+from .training import RunOptions
 
 TRIALS_SHOWN = 10
 """Trials in the table: the best ones."""
@@ -51,8 +51,8 @@ def sweep_command(
     out: str | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
-    run: RunOptions = DEFAULT_RUN,
-    plant: PlantOptions = NO_PLANT,
+    run: RunOptions = NO_OPTIONS,
+    plant: PlantOptions = NO_OPTIONS,
     json: bool = False,
 ) -> int:
     """Train every combination of settings with several seeds; one table with intervals. Or search with --trials.

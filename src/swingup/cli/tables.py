@@ -8,10 +8,10 @@ from collections.abc import Callable, Sequence
 
 from ..benchmark.columns import COLUMNS
 from ..benchmark.leaderboard import ON_ROBOT, OURS, Row, Table
-from ..common.text import one_line
+from ..common.text import one_line, printable
 from ..report.log_report import Part
 from .arguments import plant_note
-from .output import printable, tell, tell_table
+from .output import tell, tell_table
 
 LONGEST_CELL = 1000
 """Characters of a Markdown cell; longer texts are cut."""

@@ -26,7 +26,7 @@ from ..learner.run import Run
 from ..learner.run_folder import BEST, LAST, result_on_disk
 from ..learner.run_settings import is_continuing, make_run_settings, read_run_settings
 from ..learner.start import resume_run, start_run
-from .arguments import NO_PLANT, PlantOptions, RobotOrNone, judged_name, optional, plant_note, plant_of, task_name
+from .arguments import NO_OPTIONS, PlantOptions, RobotOrNone, judged_name, optional, plant_note, plant_of, task_name
 from .output import tell, tell_table
 from .parsing import program_typed, value_of
 from .progress import Progress
@@ -89,11 +89,6 @@ else:
     )
 
 
-DEFAULT_RUN: RunOptions = {}
-FROM_PRESET: HyperparameterOptions = {}
-"""No hyperparameter given: the preset has them all."""
-
-
 def train_command(
     robot: RobotOrNone = None,
     /,
@@ -102,9 +97,9 @@ def train_command(
     seeds: int | None = None,
     out: str | None = None,
     resume: str | None = None,
-    run: RunOptions = DEFAULT_RUN,
-    plant: PlantOptions = NO_PLANT,
-    hyperparameters: HyperparameterOptions = FROM_PRESET,
+    run: RunOptions = NO_OPTIONS,
+    plant: PlantOptions = NO_OPTIONS,
+    hyperparameters: HyperparameterOptions = NO_OPTIONS,
 ) -> int:
     """Train a policy, show the progress, and end with the score of the best one.
 
