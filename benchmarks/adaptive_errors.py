@@ -51,7 +51,7 @@ def identified_bases(controller: AbstractController[Any], cases: list[Case], rul
             assert found is not None
             return (after, memory), jnp.stack(found.theta)
 
-        start = initial_loop(jnp.zeros(4), 1, scenario.disturbance, rules.dt), controller.init()
+        start = initial_loop(scenario, jnp.zeros(4), 1, rules.dt), controller.init()
         return jax.lax.scan(step, start, jnp.arange(round(SECONDS / rules.dt)))[1]
 
     with jax.enable_x64(True):

@@ -204,7 +204,7 @@ def test_a_run_with_every_effect():
 
         return jax.lax.scan(step, loop, jnp.arange(20))
 
-    loop, seen = run(initial_loop(jnp.array([0.3, 0.0, 0.0, 0.0]), domain.depth, disturbance))
+    loop, seen = run(initial_loop(scenario, jnp.array([0.3, 0.0, 0.0, 0.0]), domain.depth))
     assert float(loop.times.now) == pytest.approx(20 * 0.004)
     assert np.isfinite(seen).all()
     # Every 20 ms, five turns, a gap of two.

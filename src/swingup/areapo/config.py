@@ -31,7 +31,7 @@ Schedule = Literal["constant", "anneal", "anneal_entropy", "anneal_lambda"]
 Pair = tuple[float, float]
 """A value of the reward objective and one of the entropy objective."""
 KINDS: dict[Any, Any] = {bool: bool | np.bool_, int: Integral, float: Real | np.ndarray | jax.Array}
-"""What values of a kind may be; arrays are traced, or batches for ``vmap``."""
+"""What a value of a kind may be; an array is traced, or a batch for ``vmap``."""
 
 
 def _number(default: float | Pair, least: float, most: float) -> Any:

@@ -56,7 +56,7 @@ def simulate_on_host(
             faults[index] = str(error)
     scenarios = jax.device_put(scenarios)  # once, not at each step
     # A batch even for one simulation: the compiled half steps have a leading axis.
-    start = jax.vmap(lambda each: initial_loop(jnp.zeros(4), depth, each.disturbance, dt, each.supervisor))
+    start = jax.vmap(lambda each: initial_loop(each, jnp.zeros(4), depth, dt))
     loop: LoopState = start(scenarios)
     # A loop with a clock of its own overwrites its times.
     time = np.tile(np.arange(steps) * dt, (number, 1))

@@ -12,7 +12,7 @@ from ..common.errors import SwingupError, naming
 from ..common.text import quoted
 from ..controllers.interface.call_time import announce, call_time, slow_call
 from ..controllers.interface.controller import AbstractController
-from ..controllers.registry import Controller, has_estimator
+from ..controllers.registry import has_estimator
 from ..loop.domain import Domain
 from ..loop.on_plant import loop_around
 from ..plant.plant import LEADERBOARD, PlantLike, load_plant
@@ -88,7 +88,8 @@ def judge(
                 progress(before + done, total)
 
         with naming(f"controller {name!r}"):
-            batch = run_cases(controller, board, setting, cases, told)
+            scenarios, depth = stack([case.scenario for case in cases]), _depth(setting, cases)
+            batch = run_many(controller, scenarios, board.dt, board.steps, depth, board.keeps_rows, told)
         took = took or batch.call_time
         for index, (case, fault) in enumerate(zip(cases, batch.faults, strict=True)):
             rows, stop = _counted(batch, index, board)
@@ -145,20 +146,12 @@ def make_setting(
     return Setting(robot, ranges.design, ranges)
 
 
-def run_cases(
-    controller: Controller,
-    board: AbstractBoard,
-    setting: Setting,
-    cases: Sequence[Case],
-    progress: Progress = lambda *_: None,
-) -> SimulatedBatch:
-    """Simulate cases of a board, as :func:`judge` does."""
+def _depth(setting: Setting, cases: Sequence[Case]) -> int:
+    """States that the loop remembers: one more than the largest delay, the present one."""
+    if setting.domain is not None:
+        return setting.domain.depth
     disturbances = [case.scenario.disturbance for case in cases]
-    # One state more than the largest delay: the present one.
-    delays = [0 if each is None else int(each.delay_steps) for each in disturbances]
-    depth = 1 + max(delays) if setting.domain is None else setting.domain.depth
-    scenarios = stack([case.scenario for case in cases])
-    return run_many(controller, scenarios, board.dt, board.steps, depth, board.keeps_rows, progress)
+    return 1 + max(0 if each is None else int(each.delay_steps) for each in disturbances)
 
 
 def _counted(batch: SimulatedBatch, index: int, board: AbstractBoard) -> tuple[Trajectory, float | None]:

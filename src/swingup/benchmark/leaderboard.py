@@ -112,7 +112,16 @@ def leaderboard(
         setting = make_setting(robot, board, found if board.domain is None else None)
         names = default_entrants(board) if entrants is None else entrants
         entered = entrants_for(robot, controllers or {}, names, alone=True, plant=setting.plant)
-        tables.append(_table(board, setting, seed, entered, recompute, progress or (lambda *_: None)))
+        usual = found == LEADERBOARD or board.domain is not None
+        rows = published_rows(robot, board.name) if usual else []
+        for name, controller in entered.items():
+            if board.name == "robustness" and name in SHIPPED_ROBUSTNESS and usual and not recompute:
+                rows.append(shipped_robustness(robot, name))
+            else:
+                rows.append(_row(board, setting, seed, name, controller, progress or (lambda *_: None)))
+        ranked = tuple(sorted(rows, key=lambda row: -(row.values["score"] or 0.0)))
+        first = seed if board.is_random(setting) else None
+        tables.append(Table(robot.name, board.name, board.columns, first, ranked, setting.plant, board.note))
     return tables
 
 
@@ -174,26 +183,6 @@ def shipped_robustness(robot: Robot, name: str) -> Row:
     made = f"seed {result['seeds'][0]}, version {result['version']}, {result['command']}"
     values = {column: result[column] for column in BOARDS["robustness"].columns}
     return Row(name, OURS, values, f"shipped: {made}; --recompute repeats it")
-
-
-def _table(
-    board: AbstractBoard,
-    setting: Setting,
-    seed: int,
-    entrants: Mapping[str, Any],
-    recompute: bool,
-    progress: RowProgress,
-) -> Table:
-    robot, ours = setting.robot, setting.plant == LEADERBOARD or board.domain is not None
-    rows = published_rows(robot, board.name) if ours else []
-    for name, controller in entrants.items():
-        if board.name == "robustness" and name in SHIPPED_ROBUSTNESS and ours and not recompute:
-            rows.append(shipped_robustness(robot, name))
-            continue
-        rows.append(_row(board, setting, seed, name, controller, progress))
-    ranked = tuple(sorted(rows, key=lambda row: -(row.values["score"] or 0.0)))
-    first = seed if board.is_random(setting) else None
-    return Table(robot.name, board.name, board.columns, first, ranked, setting.plant, board.note)
 
 
 def _row(

@@ -153,6 +153,8 @@ def examine(
 
 
 _Found = Iterator[Finding]
+_Plants = tuple[Plant, Plant]
+"""Without friction, and with it."""
 
 
 def _short_span(time: np.ndarray, duration: float, consequence: str) -> _Found:
@@ -252,14 +254,9 @@ def _stretch(period: np.ndarray, x: Float[np.ndarray, "rows 4"]) -> _Found:
 
 
 def _balances(
-    time: np.ndarray,
-    angles: np.ndarray,
-    rates: np.ndarray,
-    u: np.ndarray,
-    plants: tuple[Plant, Plant],
-    robot: Robot,
+    time: np.ndarray, angles: np.ndarray, rates: np.ndarray, u: np.ndarray, plants: _Plants, robot: Robot
 ) -> _Found:
-    """Energy and momentum, without friction and with it, on the better plant."""
+    """Energy and momentum on the better plant."""
     level = lump(plants[1]).gravity1 + lump(plants[1]).gravity2
     most_work = WORK * 2 * level
     most_torques = level * np.roll(TORQUE, robot.joint)
@@ -288,13 +285,9 @@ def _noise(angles: np.ndarray, perfect: bool) -> _Found:
 
 
 def _defect(
-    period: np.ndarray,
-    x: Float[np.ndarray, "rows 4"],
-    u: Float[np.ndarray, "rows 2"],
-    plants: tuple[Plant, Plant],
-    drawn: bool,
+    period: np.ndarray, x: Float[np.ndarray, "rows 4"], u: Float[np.ndarray, "rows 2"], plants: _Plants, drawn: bool
 ) -> _Found:
-    """Simulate every row of a simulation to the next, without friction and with it, and keep the better plant."""
+    """Simulate every row of a simulation to the next, and keep the better plant."""
     # Longer periods are cut short and then ignored: every row stays, and the batch keeps its shape.
     step = np.minimum(period, COARSEST)
     scales, least = scales_of(plants[1]), LARGEST_NUMBER

@@ -119,18 +119,12 @@ class SimulatedBatch:
     """Median wall time of the first calls of a controller in plain Python (s)."""
 
 
-def initial_loop(
-    x0: State,
-    depth: int = 1,
-    disturbance: Disturbance | None = None,
-    dt: float = LOOP_DT,
-    supervisor: AbstractSupervisor[Any] | None = None,
-) -> LoopState:
+def initial_loop(scenario: Scenario, x0: State, depth: int = 1, dt: float = LOOP_DT) -> LoopState:
     """The loop before its first step, with room for delays below ``depth`` steps of dt (s).
 
     Velocities that are differences need room for one step more.
     """
-    rest = jnp.zeros(2, x0.dtype)
+    rest, disturbance, supervisor = jnp.zeros(2, x0.dtype), scenario.disturbance, scenario.supervisor
     timed = disturbance is not None and disturbance.is_timed
     times = start_times(depth, dt, x0.dtype) if timed else None
     supervision = None if supervisor is None else (supervisor.start(x0.dtype), no_intervention(x0.dtype))
@@ -236,7 +230,6 @@ def simulate(
         rows = Trajectory(time=time, x=before.x, u=after.u, record=record(scenario, loop, measured, command))
         return (after, memory, fault), rows
 
-    first = initial_loop(x0, depth, scenario.disturbance, dt, scenario.supervisor)
-    start = first, controller.init(), jnp.array(-1)
+    start = initial_loop(scenario, x0, depth, dt), controller.init(), jnp.array(-1)
     (loop, _, fault), trajectory = jax.lax.scan(step, start, jnp.arange(steps))
     return SimulationEnd(loop.x, fault), trajectory

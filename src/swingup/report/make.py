@@ -95,7 +95,8 @@ def make_section(
     # The shipped policy that sees its plant, told the page's, without what a page cannot run.
     alone: dict[str, Any] = dict.fromkeys(PARTS)
     live = replace(load_policy(DEFAULT, robot), plant=policy_plant(found, robot), **alone)
-    return _with_shows(robot, found, tables, shown, seed, tell, live, LIVE_NOTE)
+    shows, disturbance = make_shows(shown, robot, seed, found, tell), describe_disturbance(seed, found)
+    return Section(robot.name, found.driven(robot), tables, shows, disturbance, live, LIVE_NOTE)
 
 
 def trained_section(
@@ -110,26 +111,21 @@ def trained_section(
     # Not as the boards' own entrants, which enter a second time without their estimators.
     (table,) = leaderboard(robot, {name: policy, **shipped}, ("performance",), entrants=(), progress=progress)
     rows = tuple(row for row in table.rows if row.source == OURS or (row.controller, row.source) in PUBLISHED)
-    tables, shown = [replace(table, rows=rows)], {**policies, **shipped}
-    return _with_shows(robot, LEADERBOARD, tables, shown, 0, progress, policy_of(policy))
+    tables, plant = [replace(table, rows=rows)], LEADERBOARD.driven(robot)
+    shows = make_shows({**policies, **shipped}, robot, 0, LEADERBOARD, progress)
+    return Section(robot.name, plant, tables, shows, describe_disturbance(0), policy_of(policy))
 
 
-def _with_shows(
-    robot: Robot,
-    plant: Plant,
-    tables: Sequence[Table],
-    controllers: Mapping[str, Any],
-    seed: int,
-    tell: RowProgress,
-    policy: PendulumPolicy,
-    note: str | None = None,
-) -> Section:
+def make_shows(
+    controllers: Mapping[str, Any], robot: Robot, seed: int, plant: Plant, tell: RowProgress
+) -> list[Show]:
+    """Simulate several controllers, one after another."""
     shows: list[Show] = []
     for name, controller in controllers.items():
         tell(f"swing-ups of {name}", len(shows), len(controllers))
         shows.append(make_show(name, controller, robot, seed, plant))
     tell("finished", len(shows), len(controllers))
-    return Section(robot.name, plant.driven(robot), tables, shows, describe_disturbance(seed, plant), policy, note)
+    return shows
 
 
 def make_show(name: str, controller: Any, robot: Robot, seed: int, plant: Plant = LEADERBOARD) -> Show:
