@@ -23,8 +23,8 @@ from swingup.learner.presets import get_preset
 from swingup.plant.robots import get_robot
 from swingup.tasks.presets import get_task
 
-FIRST_SEED = 6200
-"""Seeds from 0 to 41 and from 1000 to 3001 were seen while the preset was made; 100 to 141 had the former gains."""
+FIRST_SEED = 6300
+"""Nothing was chosen on these seeds; those below 6242 were seen with former settings."""
 SEEDS_APART = 10
 """Between the first seeds of two tries: more than a try trains."""
 POLL = 0.2
