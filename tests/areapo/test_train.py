@@ -63,17 +63,6 @@ def test_an_iteration_keeps_every_type():
 
 
 @pytest.mark.slow  # compiles for seconds
-def test_chunks_add_up():
-    """Two iterations in one call are those of two calls, bit for bit."""
-    start = init(jax.random.key(0), CYCLE, CONFIG)
-    together, _ = advance(start, CYCLE, CONFIG, 2)
-    apart, _ = advance(advance(start, CYCLE, CONFIG, 1)[0], CYCLE, CONFIG, 1)
-    for one, other in zip(jax.tree.leaves(together), jax.tree.leaves(apart), strict=True):
-        if not jnp.issubdtype(one.dtype, jax.dtypes.prng_key):
-            np.testing.assert_array_equal(one, other)
-
-
-@pytest.mark.slow  # compiles for seconds
 def test_seeds_and_hyperparameters_batch():
     """Seeds and learning rates under vmap give what each gives alone."""
     rates = jnp.array([1e-3, 1e-5])

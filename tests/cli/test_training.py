@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from safetensors.numpy import load_file
 
 from policies import lone_policy
 from swingup.benchmark.boards import BOARDS
@@ -54,18 +53,6 @@ def test_train_resume_and_evaluate(run, capsys):
     ):  # fmt: skip
         assert main(f"train {words} --resume runs/acrobot-default-5".split()) == 2
         assert message in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_train_another_task_and_resume(run, capsys):
-    assert main(f"train --env CartPole-v1 --frames 128 --evaluation-episodes 1 {TINY}".split()) == 0
-    output = capsys.readouterr()
-    assert "reward rate 1 per step, resets per 1,000 steps " in output.out  # CartPole has no dt
-    assert "training CartPole-v1 (mujoco) to 128 frames in runs/CartPole-v1-mujoco-0" in output.err
-    assert "best score" in run("train --resume runs/CartPole-v1-mujoco-0 --frames 256")
-    rows = read_metrics("runs/CartPole-v1-mujoco-0/metrics.jsonl")
-    assert [row["frames"] for row in rows] == [128, 256]
-    assert load_file("runs/CartPole-v1-mujoco-0/best.safetensors")["network.logits.weight"].shape == (2, 8)
 
 
 def test_ctrl_c_ends_the_command(capsys):

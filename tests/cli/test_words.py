@@ -22,6 +22,11 @@ def nan(x, t):
     return [0.0, np.nan]
 """
 
+TRIALS = {"preset=a:b": "'a'", "learning_rate=1e-2:1e-4": "'1e-2:1e-4'", "log_std_init=-1:3": "log_std_init = 3.0"}
+ABSURD = (
+    "acrobot --seeds 2147483648", "--env CartPole-v1 --value-layers 1000000x1000000",
+    "acrobot --num-envs 2000000000 --num-steps 2000000000 --batch-size 2000000000",
+)  # fmt: skip
 NONSENSE = [
     # Commands, options and their kinds.
     ("", "a command is missing: use one of demo, evaluate"),
@@ -70,7 +75,19 @@ NONSENSE = [
     ("train acrobot --learning-rate fast", "learning_rate = 'fast': use a number"),
     ("train acrobot --resume missing --out other", "--out other does not go with --resume"),
     ("train acrobot --out full", "full exists"),
+    *(
+        (f"train {words}", "GiB: reduce policy_layers, value_layers, num_envs, num_steps or seeds")
+        for words in ABSURD
+    ),
     ("demo --out .", ". exists: choose another --out"),
+    ("sweep acrobot --seeds 2147483648", "2,147,483,648 runs"),
+    ("sweep acrobot --no-pruning", "--trials"),
+    ("sweep acrobot --set learning_rate=1,1 --frames 64", "once"),
+    ("sweep acrobot --set learning_rate", "NAME=VALUE"),
+    ("sweep acrobot --set learnig_rate=3", "learning_rate?"),
+    ("sweep acrobot --set learning_rate=fast", "'fast'"),
+    ("sweep --env CartPole-v1 --trials 3", "what varies"),
+    *((f"sweep acrobot --trials 3 --set {words}", named) for words, named in TRIALS.items()),
     ("refine acrobot --recipe magic --out x", "'magic': use one of recover, adapt"),
     ("export lqr --robot acrobot --to trajectory --out x", "follows a swing-up 'lqr': use one of tvlqr"),
     ("export --robot acrobot --to c --out x --seed 3", "--seed goes with --to trajectory"),

@@ -6,16 +6,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-
-class Continuous(NamedTuple):
-    low: Any
-    high: Any
-    shape: tuple
-    dtype: Any = jnp.float32
-
-
-class Discrete(NamedTuple):
-    n: Any
+from .corridors import Box as Continuous
+from .corridors import Discrete, State
 
 
 class PyTreeSpace(NamedTuple):
@@ -32,11 +24,6 @@ class Info(NamedTuple):
     reward: Any
     terminated: Any
     truncated: Any = False
-
-
-class State(NamedTuple):
-    place: jax.Array
-    time: Any
 
 
 class Hall(eqx.Module):

@@ -1,4 +1,4 @@
-"""Environments of gymnax, envelope and brax as tasks, by one contract; and the pendulums in gymnax's form."""
+"""Environments of gymnax, envelope and brax, as tasks and to the learner; and the pendulums in gymnax's form."""
 
 import dataclasses
 from collections import namedtuple
@@ -11,7 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from policies import load_any_policy
 from refusals import refusal
+from swingup import AREAPO
 from swingup.common.errors import SwingupError
 from swingup.gymnax import PendulumEnvironment
 from swingup.plant.robots import ROBOTS
@@ -22,7 +24,7 @@ from swingup.tasks.gymnax_task import GymnaxTask
 from swingup.tasks.presets import smooth_task
 
 from . import corridors, halls
-from .contract import Ending, check_contract, moved_by
+from .contract import TINY, Ending, check_contract, moved_by
 from .corridors import Box, Corridor, Logged, Params, Turns
 from .halls import BatchedSpace, Continuous, Crossing, Hall, PyTreeSpace
 
@@ -249,19 +251,6 @@ def test_pendulum_clips_actions_and_has_bounded_spaces():
     assert "for the acrobot, not for the pendubot" in refusal(PendulumEnvironment, "pendubot", SMOOTH)
 
 
-@pytest.mark.slow
-def test_pendulum_and_adapter_together_keep_the_contract():
-    """A time limit of one step, and the last observation is that of the task itself."""
-    params = ACROBOT.default_params.replace(max_steps_in_episode=1)
-
-    @jax.jit
-    def last(start):
-        key = jax.random.split(jax.random.key(5))[0]  # the contract's
-        return SMOOTH.step(SMOOTH.reset(key), jnp.zeros(1), key).observation
-
-    check_contract(GymnaxTask(ACROBOT, params), [Ending(0.0, 1, False, last)])
-
-
 @pytest.mark.slow  # it is not installed with the tests: it asks for an older Gymnasium
 def test_gymnax_itself():
     """gymnax's own environments and wrappers keep the contract; and its registry takes the pendulum."""
@@ -308,3 +297,39 @@ def test_a_terminating_environment_of_the_package():
     last = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(info.obs)])
     assert 1 <= steps <= 4
     check_contract(task, [Ending(0, steps, True, lambda start: last)])
+
+
+BRIEF = Params(max_steps_in_episode=5)
+ENVS = {
+    "learner.corridors.Corridor": ((Corridor(), BRIEF), (Corridor(), Params(door=0.15))),
+    "learner.halls.Hall": (Hall(max_steps=5), Hall(door=0.15)),
+}
+"""Environments, and others with the same spaces whose door is a step away."""
+
+
+@pytest.mark.slow  # compiles for seconds
+@pytest.mark.parametrize("name", ENVS)
+def test_an_environment_trains_saves_and_goes_on(tmp_path, name):
+    env, near = ENVS[name]
+    model = AREAPO(env, seed=3, **TINY).learn(64)
+    assert model.settings.env == f"<{name}>"
+    # In the environment's shapes and bounds, [-1, 3].
+    observations = np.random.default_rng(0).normal(size=(7, 1, 2))
+    actions = model.predict(observations)
+    assert actions.shape == (7, 1, 1)
+    assert model.predict(observations[0]).shape == (1, 1)
+    assert np.all((actions > -1.0) & (actions < 3.0))
+    model.save(tmp_path / "model.safetensors")
+    model.export_policy(tmp_path / "policy.safetensors")
+    facts = load_any_policy(tmp_path / "policy.safetensors")[1]
+    assert (facts["action_low"], facts["action_high"]) == ([[-1.0]], [[3.0]])
+    assert "pass it again as env" in refusal(AREAPO.load, tmp_path / "model.safetensors")
+    other = AREAPO.load(tmp_path / "model.safetensors", env=env)
+    np.testing.assert_array_equal(model.learn(64).predict(observations), other.learn(64).predict(observations))
+    # Two steps to the door at most speed, and five to the time limit.
+    assert 2.0 <= model.evaluate(2)["mean_length"] <= 5.0
+    # What a step beyond the door pays does not count.
+    found = model.evaluate(2, env=near)
+    assert (found["mean_length"], found["resets_per_1000_steps"]) == (1.0, 1000.0)
+    assert 0.0 < found["score"] < 3.0
+    assert "the environment's are 1 choices of 3" in refusal(model.evaluate, 2, env=Turns())

@@ -11,7 +11,6 @@ from safetensors.numpy import load_file
 
 from policies import lone_policy
 from refusals import refusal
-from swingup.areapo.config import Config
 from swingup.controllers.stack.controller import save_controller
 from swingup.learner import compiled_backend
 from swingup.learner.metrics import read_metrics
@@ -288,10 +287,6 @@ def test_what_cannot_be_started_or_resumed(tmp_path):
     (tmp_path / "file").write_text("")
     assert "cannot create" in refusal(start_run, SETTINGS, tmp_path / "file" / "r", 100)
     assert "is not a run's folder" in refusal(resume_run, tmp_path / "nothing")
-    start_run(SETTINGS, tmp_path / "r", 100)
-    for path in (tmp_path / "r" / "checkpoints").iterdir():
-        path.unlink()
-    assert "has no checkpoint" in refusal(resume_run, tmp_path / "r")
 
 
 @pytest.mark.slow
@@ -327,22 +322,6 @@ def test_a_damaged_checkpoint_is_named_and_nothing_changes(tmp_path):
     assert resume_run(tmp_path / "r").frames == 0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("preset", ["default", "paper", "ppo"])
-def test_every_preset_trains(tmp_path, preset):
-    """By default the algorithm's relatives train on a Gymnasium environment, in ``test_agent.py``."""
-    sizes = ("num_envs", "num_steps", "num_epochs", "batch_size", "policy_layers", "value_layers")
-    small = {name: getattr(CONFIG, name) for name in sizes}
-    config = Config(**(vars(get_preset(preset).config) | small))
-    settings = dataclasses.replace(SETTINGS, preset=preset, config=config)
-    _, reports = run(tmp_path / "r", 2, settings)
-    row = reports[-1].rows[0]
-    assert row["gradient_norm"] > 0.0
-    # Without average reward there is no gain; without temperature no entropy reward.
-    assert (row["gain"] != 0.0) == (preset != "ppo")
-    assert (row["entropy_gain"] != 0.0) == (preset in ("default", "paper"))
-
-
 def test_settings_keep_their_plant():
     plant = load_plant("B.0").frictionless()
     settings = dataclasses.replace(SETTINGS, plant=plant)
@@ -354,14 +333,3 @@ def test_settings_keep_their_plant():
     assert task.parameters == plant.driven("acrobot")
     assert task.dt == pytest.approx(0.01 * 1.08687, abs=1e-7)
     assert run_settings_from_dict(SETTINGS.as_dict()).plant == LEADERBOARD
-
-
-@pytest.mark.slow
-def test_a_run_on_a_plant_resumes_there_and_its_policy_carries_it(tmp_path):
-    settings = dataclasses.replace(SETTINGS, plant=load_plant("A.0"))
-    run(tmp_path / "run", 2, settings)
-    again = resume_run(tmp_path / "run", 4 * FRAMES)
-    assert again.settings.plant == settings.plant
-    list(again.advance())
-    controller, _ = lone_policy(tmp_path / "run" / "best.safetensors")
-    assert (controller.plant.name, controller.plant.l1, controller.torque_limit) == ("A.0", 0.3, 6.0)
