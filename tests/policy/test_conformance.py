@@ -283,25 +283,6 @@ def test_the_adaptive_policies_hold_at_other_rates(name, period):
     assert off.max() < 0.05
 
 
-@pytest.mark.parametrize("name", BOTH_ESTIMATED)
-def test_the_passive_joint_has_no_torque_without_an_identifier(made, name):
-    times, states, _ = recorded(name, LONG)["noisy"]
-    for back_end in ("numpy", "c"):
-        torques = made(back_end, name).run(times[:200], states[:200])
-        assert not torques[:, 1 - policy(name).robot.joint].any()
-
-
-def test_the_estimator_tries_several_delays(made):
-    """Otherwise the table would say little of the bank."""
-    times, states, _ = recorded(ESTIMATED[0], LONG)["late"]
-    found, delays = made("numpy", ESTIMATED[0]).controller, set()
-    found.reset()
-    for t, x in zip(times, states, strict=True):
-        found(x, t)
-        delays.add(int(found.inner.state.delay_steps))
-    assert len(delays) > 2
-
-
 def test_graphs_take_batches_of_any_size(made):
     found, states = made("onnx", "acrobot-ar-eapo"), random_states()[:1000]
     single = [found.alone(x[None])[0] for x in states]

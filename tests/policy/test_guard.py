@@ -157,7 +157,7 @@ def in_c(tmp_path_factory):
 
 
 @compiled.needs_gcc
-@pytest.mark.parametrize("name", ["pendubot-ar-eapo", "acrobot-global"])
+@pytest.mark.parametrize("name", ["pendubot-ar-eapo", pytest.param("acrobot-global", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("fault", FAULTS)
 def test_c_does_the_same(in_c, name, fault):
     times, states = changed(FAULTS[fault][0])
@@ -208,7 +208,9 @@ def test_the_torque_changes_no_faster_than_allowed():
 
 
 @pytest.mark.parametrize("guard", [True, False, GuardSettings(braking=5.0)], ids=["guard", "none", "braking"])
-@pytest.mark.parametrize("name", ["acrobot-adaptive", "pendubot-adaptive", "acrobot-estimated", "pendubot-global"])
+@pytest.mark.parametrize(
+    "name", ["acrobot-adaptive", pytest.param("pendubot-adaptive", marks=pytest.mark.slow), "acrobot-estimated"]
+)
 def test_no_torque_of_a_wrapped_controller_is_beyond_its_motors_limit(name, guard):
     """Whatever is measured, filtered, compensated and called: by RealAIGym's interface and by CloudPendulum's."""
     found = numpy_controller(policy(name), guard=guard)

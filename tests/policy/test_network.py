@@ -10,14 +10,10 @@ import pytest
 
 from policies import lone_policy
 from swingup.areapo.networks import Actor
-from swingup.controllers.interface.controller import AbstractPlantController
 from swingup.controllers.stack.controller import policy_of, save_controller
-from swingup.controllers.stack.estimator import with_estimator
 from swingup.controllers.stack.policy import Policy
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.plant import LEADERBOARD, Plant, load_plant
-from swingup.plant.robots import get_robot
-from swingup.policy.identifier.settings import IdentifierSettings
 from swingup.policy.network.fold import fold
 from swingup.policy.network.layers import Layer, Network, largest_feature
 from swingup.policy.network.stages import PendulumStage, PlantStage
@@ -63,11 +59,6 @@ def test_wrapped_observation_by_hand(x, expected):
 def test_sincos_observation_by_hand(x, expected):
     observed = observation.PendulumStage(angles="sincos")(jnp.array(x, jnp.float32))
     np.testing.assert_allclose(observed, expected, atol=2e-6)
-
-
-def test_velocity_scale_clips_and_divides():
-    observed = observation.PendulumStage(velocity_scale=25.0)(jnp.array([0.0, 0.0, 5.0, -26.0]))
-    np.testing.assert_allclose(observed[2:], [0.2, -1.0], rtol=1e-6)
 
 
 @pytest.mark.parametrize(("angles", "size"), [("wrapped", 4), ("sincos", 6)])
@@ -147,31 +138,6 @@ def test_a_policy_that_sees_the_state_alone_is_the_same_for_all_plants():
     assert not controller.policy.sees_plant
     told = controller.control(None, 0.0, x, jnp.zeros(9))[1]
     np.testing.assert_array_equal(told, controller(None, 0.0, x)[1])
-
-
-class Shown(AbstractPlantController):
-    """Remembers the base parameters that it is told."""
-
-    def init(self):
-        return jnp.zeros(9)
-
-    def control(self, carry, t, x, base):
-        return base.astype(carry.dtype), jnp.zeros(2, x.dtype)
-
-
-@pytest.mark.slow  # compiles for seconds
-def test_an_identifier_tells_what_it_found():
-    robot, p = get_robot("acrobot"), load_plant("C.1")
-    whole = with_estimator(Shown(), robot, p, finding=IdentifierSettings())
-    memory = whole.init()
-    found = jnp.linspace(0.9, 1.1, 9) * base_parameters(p)
-    identified = memory.estimator.identified._replace(
-        unknowns=memory.estimator.identified.unknowns.at[:9].set(found)
-    )
-    memory = memory._replace(estimator=memory.estimator._replace(identified=identified))
-    told = whole(memory, jnp.zeros(()), jnp.zeros(4))[0].controller
-    # Without the friction, which is compensated.
-    np.testing.assert_allclose(told, found.at[4:8].set(0.0), rtol=1e-5)
 
 
 BY_HAND = {

@@ -12,21 +12,16 @@ from swingup.plant.base_parameters import base_parameters
 from swingup.plant.damped import damped_midpoint_step
 from swingup.plant.equations import lump
 from swingup.plant.maths import NUMPY
-from swingup.plant.plant import load_plant
-from swingup.plant.robots import get_robot
 from swingup.policy.estimator.settings import EstimatorSettings
 from swingup.policy.identifier import settings
 from swingup.policy.identifier.core import elapsed
 from swingup.policy.identifier.settings import IdentifierSettings
 from swingup.policy.identifier.state import IdentifierState
-from swingup.policy.network.layers import Network
-from swingup.policy.network.stages import PendulumStage, PlantStage
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.numpy_backend.network import NumpyNetwork
-from swingup.policy.pendulum import PendulumPolicy
-from swingup.policy.plant_facts import policy_plant
 
-from .references import DT, random_layer, random_states
+from .references import DT, SIGHTED, random_states
+from .references import policy as of_name
 
 STEPS, FINE = 900, 4
 
@@ -34,11 +29,7 @@ STEPS, FINE = 900, 4
 @pytest.fixture(scope="module")
 def policy():
     """An untrained one that sees its plant, C.1 as it is."""
-    robot = get_robot("acrobot")
-    plant = policy_plant(load_plant("C.1"), robot)
-    stages = PendulumStage("sincos"), PlantStage(base_parameters(plant), 2 * np.abs(base_parameters(plant)))
-    network = Network(stages, (random_layer(16, 15, 16),), random_layer(1, 16, 1))
-    return PendulumPolicy(network, robot, 3.0, plant, EstimatorSettings(), identifier=IdentifierSettings())
+    return dataclasses.replace(of_name(SIGHTED), estimator=EstimatorSettings(), identifier=IdentifierSettings())
 
 
 def changed(plant):

@@ -95,17 +95,17 @@ def test_the_fixed_point_is_scipys(robot):
         np.testing.assert_allclose(fixed_point(plant, robot.joint), expected, rtol=1e-7)
 
 
-def test_gains_converge_to_those_in_continuous_time(robot, monkeypatch):
+def test_gains_converge_to_those_in_continuous_time(either_robot, monkeypatch):
     """The difference is that of a torque which is held for a step: it halves with the step."""
-    for plant in plants(robot):
-        A, B = linearised(linear_friction(plant), robot, UPRIGHT[None], np.zeros(1))
+    for plant in plants(either_robot):
+        A, B = linearised(linear_friction(plant), either_robot, UPRIGHT[None], np.zeros(1))
         S = solve_continuous_are(A[0], B[0][:, None], np.diag(STATE_WEIGHTS), [[TORQUE_WEIGHT]])
         expected, errors = B[0] @ S / TORQUE_WEIGHT, []
         for h in (0.005, 0.0025, 0.00125):
             monkeypatch.setattr(chosen, "RICCATI_STEP", h)
             monkeypatch.setattr(chosen, "Q", tuple(h * weight for weight in STATE_WEIGHTS))
             monkeypatch.setattr(chosen, "R", h * TORQUE_WEIGHT)
-            errors.append(np.abs(gains(plant, robot) / expected - 1).max())
+            errors.append(np.abs(gains(plant, either_robot) / expected - 1).max())
         assert errors[0] < 0.12
         assert errors[2] < 0.55 * errors[1] < 0.55**2 * errors[0]
 
@@ -181,27 +181,27 @@ def in_jax(robot):
     return with_regulator(Marked(), robot, own, SETTINGS, own.limit(robot.joint))
 
 
-def test_jax_does_the_same(robot):
+def test_jax_does_the_same(either_robot):
     """Told a plant that an identifier finds, and with measurements that are not finite while it acts or not."""
-    found, numpys, calls = in_jax(robot), regulator(robot), 0
+    found, numpys, calls = in_jax(either_robot), regulator(either_robot), 0
     broken = np.where(np.isfinite(UNSOUND), UPRIGHT, UNSOUND)
     errors = np.array([3.0, 1.0, 1.0, 40.0, 1.0])[:, None] * np.array([0.01, -0.02, 0.05, 0.05])
     with jax.enable_x64(True):
         memory, call = found.init(), jax.jit(lambda *given: found.control(*given))
-        for base in (base_parameters(plants(robot)[1]), 1.05 * base_parameters(plants(robot)[0])):
+        for base in (base_parameters(plants(either_robot)[1]), 1.05 * base_parameters(plants(either_robot)[0])):
             numpys.tell(base)
             for x in (*(UPRIGHT + errors), broken[3], broken[7], UPRIGHT, *broken):
                 memory, u = call(memory, 0.0, jnp.asarray(x), base)
                 torque, calls = numpys(x), calls + 1
                 # The policy's torques while it acts, its number of calls always.
-                expected = [7.0, 7.0] if torque is None else np.array(robot.actuation) * torque
-                np.testing.assert_allclose(u[robot.joint], expected[robot.joint], rtol=0, atol=1e-9)
+                expected = [7.0, 7.0] if torque is None else np.array(either_robot.actuation) * torque
+                np.testing.assert_allclose(u[either_robot.joint], expected[either_robot.joint], rtol=0, atol=1e-9)
                 if torque is not None:
-                    assert np.isnan(torque) if not np.isfinite(x).all() else u[1 - robot.joint] == 0.0
+                    assert np.isnan(torque) if not np.isfinite(x).all() else u[1 - either_robot.joint] == 0.0
     assert int(memory.controller) == calls
 
 
-@pytest.mark.parametrize("double", [False, True])
+@pytest.mark.parametrize("double", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_it_belongs_behind_an_estimator(double):
     """Which tells it the plant that an identifier found."""
     robot = ROBOTS["acrobot"]

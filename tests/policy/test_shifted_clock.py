@@ -14,7 +14,7 @@ from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.numpy_backend.network import NumpyNetwork
 
 from .backends import BACK_ENDS
-from .references import ADAPTIVES, DT, controller, numpy_loop, numpy_run, policy, replay, within
+from .references import ADAPTIVES, DT, numpy_loop, numpy_run, policy, within
 from .test_regulator import NumpyRegulator
 
 ONE = pytest.mark.parametrize("name", [ADAPTIVES[0], pytest.param(ADAPTIVES[1], marks=pytest.mark.slow)])
@@ -36,17 +36,6 @@ def test_a_shifted_clock_changes_no_bit(name):
     np.testing.assert_array_equal(torques, expected)
     np.testing.assert_array_equal(shifted_states, states)
     assert np.ptp(expected) > 3
-
-
-@pytest.mark.slow  # it compiles for seconds
-@pytest.mark.parametrize("name", ADAPTIVES)
-def test_a_shifted_clock_changes_no_bit_in_jax(name):
-    """Its motors are given NumPy's torques: see above."""
-    (times, states, expected), found = numpy_run(name, BINARY), controller(name)
-    given = within(name, expected)
-    torques = replay(found, times, states, given)
-    np.testing.assert_array_equal(replay(found, times + SHIFT, states, given), torques)
-    np.testing.assert_allclose(torques, expected, rtol=0, atol=1e-6)
 
 
 @pytest.mark.slow
