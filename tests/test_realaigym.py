@@ -12,7 +12,6 @@ from swingup.plant.damped import damped_midpoint_step
 from swingup.plant.equations import lump
 from swingup.plant.maths import NUMPY
 from swingup.plant.plant import LEADERBOARD
-from swingup.plant.robots import get_robot
 from swingup.policy.shipped import is_policy
 from swingup.runtime import load_controller
 
@@ -56,8 +55,8 @@ def away_from_upright(x):
     return np.abs((x[:2] - UP + np.pi) % (2 * np.pi) - np.pi).max()
 
 
-def test_a_policy_swings_up_in_the_simulator(robot):
-    controller, simulator = wrapped("ar-eapo", robot.name), Simulator(robot)
+def test_a_policy_swings_up_in_the_simulator(either_robot):
+    controller, simulator = wrapped("ar-eapo", either_robot.name), Simulator(either_robot)
     states, torques = simulator.run(controller, 3.0)
     assert away_from_upright(states[-1]) < 0.1  # the acrobot's rests 5 degrees off at the elbow
     assert len(controller.u_hist) == 1501
@@ -88,15 +87,6 @@ def test_the_checker_finds_nothing_and_names_another_robot():
         assert swingup.check_controller(wrapped(name, "acrobot"), "acrobot") == []
     findings = swingup.check_controller(wrapped("tvlqr", "acrobot"), "pendubot")
     assert findings == ["it is for the acrobot, not the pendubot: judge it there"]
-
-
-@pytest.mark.slow
-def test_the_mpc_answers():
-    controller = wrapped("ilqr-mpc", "acrobot")
-    states, torques = Simulator(get_robot("acrobot")).run(controller, 0.04)
-    assert np.isfinite(states).all()
-    assert np.abs(torques[:, 1]).max() > 0.1
-    assert not torques[:, 0].any()
 
 
 def test_settings_and_what_is_harmless(tmp_path):
@@ -156,14 +146,7 @@ def test_a_filter_of_realaigyms_or_a_function(kind):
     assert not np.array_equal(controller.get_control_output(x, 0.0), half)
 
 
-def test_without_a_time_calls_are_steps(robot):
-    timed, counted = (wrapped("ar-eapo", robot.name) for _ in range(2))
-    for step in range(20):
-        x = np.array([0.001 * step, 0.0, 0.5, 0.1])
-        np.testing.assert_array_equal(counted.get_control_output(x), timed.get_control_output(x, step * DT))
-
-
-@pytest.mark.parametrize("name", ["ar-eapo", "adaptive", "lqr", pytest.param("tvlqr", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["adaptive", pytest.param("tvlqr", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("zero", [-1e6, 1e6, 86_400.0 * 365, 1.7e9, 2.0**31])
 def test_a_clock_may_count_from_any_moment(name, zero):
     """A start of the clock that is a whole number of periods changes no torque beyond its rounding."""

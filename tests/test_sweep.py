@@ -234,32 +234,6 @@ def test_rows_summarise_by_hand():
     assert math.isnan(row["resets_per_1000_steps"])
 
 
-BAD = {
-    "sweep": "robot = None and env = None",
-    "sweep acrobot --seeds 2147483648": "2,147,483,648 runs",
-    "sweep acrobot --frames 0": "frames = 0",
-    "sweep acrobot --no-pruning": "--trials",
-    "sweep acrobot --set learning_rate=1,1 --frames 64": "once",
-    "sweep acrobot --set learning_rate": "NAME=VALUE",
-    "sweep acrobot --set learnig_rate=3": "learning_rate?",
-    "sweep acrobot --set learning_rate=fast": "'fast'",
-    "sweep --env CartPole-v1 --trials 3": "what varies",
-    "sweep acrobot --trials 3 --set preset=a:b": "'a'",
-    "sweep acrobot --trials 3 --set learning_rate=1e-2:1e-4": "'1e-2:1e-4'",
-    "sweep acrobot --trials 3 --set log_std_init=-1:3": "log_std_init = 3.0",
-}
-
-
-def test_bad_sweeps_and_searches_are_refused_in_a_line(capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for words, named in BAD.items():
-        assert main(words.split()) == 2, words
-        error = capsys.readouterr().err
-        assert error.count("\n") == 1, words
-        assert named in error, words
-        assert not list(tmp_path.iterdir())
-
-
 # Searches
 
 SPACE = {"learning_rate": "1e-4:1e-2:log", "num_epochs": "1:9", "policy_layers": "8,16x8"}

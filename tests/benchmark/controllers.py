@@ -10,15 +10,15 @@ import numpy as np
 
 from swingup.benchmark.boards import ROBUSTNESS
 from swingup.controllers.interface.controller import AbstractController
+from swingup.loop.domain import make_domain
 
 V2 = ROBUSTNESS
-BRIEF = dataclasses.replace(V2, name="brief", duration=0.8)
+BRIEF = dataclasses.replace(
+    V2, name="brief", duration=0.8, perturbations=dataclasses.replace(V2.perturbations, apart=0.1)
+)
 """The whole grid, each run of 0.8 s, with pushes that fit into it."""
-BRIEF = dataclasses.replace(BRIEF, perturbations=dataclasses.replace(V2.perturbations, apart=0.1))
-
-
-LOOSE = dataclasses.replace(BRIEF, name="loose", tolerance=(2.9, 9.0, 1e9, 1e9))
-"""With a success that some of these short runs have."""
+FRICTION = make_domain({"plant": "C.1", "design": "leaderboard", "passive_limit": 0.5})
+"""The identified plant in a perfect loop."""
 
 
 class Memoryless(AbstractController):

@@ -158,14 +158,6 @@ def test_periods():
     assert names(with_rows(pose(), rows[rows % 7 != 0])) == ["irregular_periods"]  # a sixth of them is double
 
 
-def test_three_rows():
-    time = np.array([0.0, 0.001, 10.0])
-    trajectory = Trajectory(
-        time=time, x=np.array([[0.0] * 4, [np.pi, 0, 0, 0], [np.pi, 0, 0, 0]]), u=np.zeros((3, 2))
-    )
-    assert {"irregular_periods", "rate", "positions_against_velocities"} <= set(names(trajectory))
-
-
 @pytest.mark.parametrize("value", [1e9, -1e9])
 def test_absurd_values_are_only_warned_of(value):
     x = np.full((5000, 4), value)

@@ -1,4 +1,4 @@
-"""The robustness score, against its definition and against loops written independently."""
+"""The robustness score and its grid, against their definitions and against loops written independently."""
 
 import dataclasses
 import json
@@ -9,18 +9,21 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from refusals import refusal
 from swingup.benchmark.board import Case, Run
-from swingup.benchmark.grid import make_cases
+from swingup.benchmark.boards import PERFORMANCE
+from swingup.benchmark.disturbances import DisturbanceSettings, draw_pushes
+from swingup.benchmark.grid import change_grid, make_cases
 from swingup.benchmark.judge import judge
 from swingup.benchmark.robustness_board import upright
 from swingup.benchmark.rollout import Scenario
-from swingup.benchmark.rules import CRITERIA, RANDOM
+from swingup.benchmark.rules import CRITERIA, RANDOM, PushRules, Sweep
 from swingup.benchmark.runner import run_many, stack
 from swingup.loop.disturbance import step_noise
 from swingup.plant.plant import LEADERBOARD
 from swingup.plant.robots import ROBOTS, get_robot
 
-from .controllers import BRIEF, LOOSE, SWINGING, V2, swinging
+from .controllers import BRIEF, SWINGING, V2, swinging
 from .independent import World, closed_loop, rk4
 
 
@@ -97,26 +100,119 @@ def test_scores_of_several_seeds():
     assert set(intervals) == {*RANDOM, "score"}
 
 
-@pytest.mark.slow
-def test_a_whole_grid_as_json():
-    result = judge(SWINGING, "pendubot", LOOSE, seed=4, name="mine")
+def every_case(robot, rules=V2, seed=0):
+    return [case for criterion in CRITERIA for case in make_cases(robot, rules, criterion, seed)]
+
+
+def test_the_grid_has_722_simulations(robot):
+    cases = every_case(robot)
+    counts = {name: sum(case.criterion == name for case in cases) for name in CRITERIA}
+    assert counts == {
+        "model": 210, "velocity_noise": 210, "torque_noise": 210, "torque_response": 21, "delay": 21,
+        "perturbations": 50,
+    }  # fmt: skip
+    assert sum(counts.values()) == 722
+
+
+def test_model_errors_change_one_parameter_each(robot):
+    nominal = LEADERBOARD.driven(robot).values()
+    fields = {"m1r1": "r1", "m2r2": "r2"}
+    ranges = {
+        "Ir": (0, 1e-4), "b1": (-0.1, 0.1), "b2": (-0.1, 0.1), "cf1": (-0.2, 0.2), "cf2": (-0.2, 0.2),
+        **{name: (0.75 * nominal[field], 1.25 * nominal[field])
+           for name, field in (("m1r1", "r1"), ("I1", "I1"), ("m2r2", "r2"), ("m2", "m2"), ("I2", "I2"))},
+    }  # fmt: skip
+    cases = make_cases(robot, V2, "model", 0)
+    assert {case.settings["parameter"] for case in cases} == set(ranges)
+    for name, (low, high) in ranges.items():
+        chosen = [case.scenario.parameters.values() for case in cases if case.settings["parameter"] == name]
+        field = fields.get(name, name)
+        np.testing.assert_allclose([p[field] for p in chosen], np.linspace(low, high, 21), rtol=1e-14, atol=1e-18)
+        assert all(p[other] == nominal[other] for p in chosen for other in nominal if other != field)
+
+
+@pytest.mark.parametrize(
+    ("criterion", "field", "values"),
+    [
+        ("velocity_noise", "velocity_noise", np.repeat(np.linspace(0, 0.5, 21), 10)),
+        ("torque_noise", "torque_noise", np.repeat(np.linspace(0, 1.1, 21), 10)),
+        ("torque_response", "response", np.linspace(0.1, 2.0, 21)),
+        ("delay", "delay_steps", range(21)),  # 0 to 0.04 s in steps of 0.002 s
+    ],
+)
+def test_sweeps(robot, criterion, field, values):
+    cases = make_cases(robot, V2, criterion, 3)
+    disturbances = [case.scenario.disturbance for case in cases]
+    found = [getattr(each if criterion == "delay" else each.loop, field) for each in disturbances]
+    if criterion == "delay":
+        # Rounded down in floating point, as the benchmark's int(delay / dt) is.
+        assert found == [int(value / 0.002) for value in np.linspace(0, 0.04, 21)]
+    else:
+        np.testing.assert_allclose(found, values)
+    keys = {tuple(disturbance.noise) for disturbance in disturbances}
+    assert len(keys) == (len(cases) if criterion in RANDOM else 1)
+
+
+def test_noise_differs_between_criteria_and_seeds(robot):
+    keys = [
+        tuple(case.scenario.disturbance.noise)
+        for seed in (0, 1)
+        for name in ("velocity_noise", "torque_noise")
+        for case in make_cases(robot, V2, name, seed)
+    ]
+    assert len(set(keys)) == len(keys) == 840
+
+
+def test_pushes_keep_the_benchmarks_distribution():
+    random = np.random.default_rng(0)
+    profiles = [draw_pushes(random, PushRules(), 10.0) for _ in range(2000)]
+    centres = np.array([np.sort(profile.centre, axis=None) for profile in profiles])
+    # μ_i = μ_{i-1} + 1 + U/2 from μ_{-1} = 0: means 1.25 (i + 1), within 1 (i + 1) and 1.5 (i + 1).
+    steps = np.diff(centres, axis=1, prepend=0.0)
+    assert steps.min() >= 1.0
+    assert steps.max() <= 1.5
+    np.testing.assert_allclose(centres.mean(axis=0), 1.25 * np.arange(1, 7), atol=0.04)  # 5 standard errors
+    amplitudes = np.abs([profile.amplitude for profile in profiles])
+    widths = np.array([profile.width for profile in profiles])
+    assert 0.5 <= amplitudes.min() < 0.51 < 4.99 < amplitudes.max() <= 5.0
+    assert 0.05 <= widths.min() < 0.0501 < 0.0999 < widths.max() <= 0.1
+    signs = np.mean([np.sign(profile.amplitude) for profile in profiles])
+    assert abs(signs) < 0.05
+    # Shuffled: the earliest push is on either joint.
+    first = np.mean([profile.centre[0].min() < profile.centre[1].min() for profile in profiles])
+    assert abs(first - 0.5) < 0.06
+
+
+@pytest.mark.parametrize(
+    ("text", "field", "expected"),
+    [
+        ("delay=0:0.02:5", "delay", Sweep(0.0, 0.02, 5, 1)),
+        ("velocity_noise=0:1:3", "velocity_noise", Sweep(0.0, 1.0, 3, 10)),
+        ("torque_noise=0.5:1:3:2", "torque_noise", Sweep(0.5, 1.0, 3, 2)),
+    ],
+)
+def test_other_grids(text, field, expected):
+    changed = change_grid(V2, text)
+    assert getattr(changed, field) == expected
+    assert changed.name == f"robustness {text}"
+
+
+def test_other_grids_of_the_model_and_of_pushes(robot):
+    changed = change_grid(change_grid(V2, "m1r1=0.5:1.5:3"), "perturbations=7")
+    assert changed.model["m1r1"].sweep == Sweep(0.5, 1.5, 3)
+    assert len(make_cases(robot, changed, "perturbations", 0)) == 7
+    assert len(make_cases(robot, changed, "model", 0)) == 210 - 21 + 3
+
+
+def test_a_disturbance_has_the_boards_own_period_and_duration():
+    settings = DisturbanceSettings(delay=0.01, pushes=PushRules(apart=0.5))
+    board = dataclasses.replace(PERFORMANCE, dt=0.005, duration=4.0)
+    result = judge(SWINGING, "acrobot", board, disturbance=settings, seed=3)
     row = json.loads(json.dumps(result.as_dict()))
-    names = ("robot", "controller", "board", "seeds", "runs", "intervals")
-    assert [row[name] for name in names] == ["pendubot", "mine", "loose", [4], 722, {}]
-    assert row["successes"] == sum(each["success"] for each in row["details"])
-    assert {"criterion", "value", "repetition", "seed", "success", "score"} == set(row["details"][210])
-    assert row["score"] == pytest.approx(sum(row[name] for name in CRITERIA) / 600)
-    assert 0.05 < row["score"] < 0.95
-    assert judge(SWINGING, "pendubot", LOOSE, seed=4).values == result.values
-    assert judge(SWINGING, "pendubot", LOOSE, seed=5).values != result.values
-
-
-@pytest.mark.slow
-def test_single_criteria_repeat_the_whole_grid():
-    whole = judge(SWINGING, "pendubot", LOOSE, seed=2)
-    for criterion in ("perturbations", "torque_noise"):
-        part = judge(SWINGING, "pendubot", dataclasses.replace(LOOSE, criteria=(criterion,)), seed=2)
-        successes = [run.success for run in whole.runs if run.case.criterion == criterion]
-        assert [run.success for run in part.runs] == successes
-        assert 0 < sum(successes) < len(successes)
-        assert part.score is None
+    disturbance = row["details"][0]["disturbance"]
+    assert (row["seeds"], row["details"][0]["seed"], disturbance["noise"]) == ([3], 3, [3, 0])
+    assert disturbance["delay_steps"] == 2  # 0.01 s; five steps of 2 ms would be 25 ms
+    # Seven gaps of at least 0.5 s, at both ends too.
+    centres = np.asarray(disturbance["pushes"]["centre"])
+    assert np.all((centres >= 0.5) & (centres <= 3.5))
+    assert "do not fit into 4 s" in refusal(DisturbanceSettings(pushes=PushRules()).draw, 0.005, 4.0, 0)

@@ -55,14 +55,6 @@ def test_written_file_is_realaigyms(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
 
 
-def test_file_is_replaced_whole_or_not_at_all(tmp_path):
-    trajectory = Trajectory(time=TABLE[:, 0], x=TABLE[:, 1:5], u=TABLE[:, 5:])
-    path = write(tmp_path, "old")
-    save_trajectory(path, trajectory)
-    assert_table(load_trajectory(path), TABLE)
-    assert "choose a folder" in refusal(save_trajectory, tmp_path / "missing" / "run.csv", trajectory)
-
-
 @pytest.mark.parametrize(
     "header",
     [

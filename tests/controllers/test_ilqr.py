@@ -133,12 +133,6 @@ def test_wrong_derivatives_stall(x64):
     np.testing.assert_array_equal(solution.torque, 0.0)
 
 
-def test_idle_does_nothing(x64):
-    solution = run(PLAIN, torque=TARGETS[1], idle=True)
-    assert solution.iterations == 0
-    np.testing.assert_array_equal(solution.torque, TARGETS[1])
-
-
 @functools.cache
 def swing_iterations():
     """60 iterations on a swing with torques of up to 1.5 N m: before, after, and each one's cost, μ and torque."""

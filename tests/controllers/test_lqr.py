@@ -15,12 +15,6 @@ RANDOM = np.random.default_rng(0)
 
 
 @pytest.fixture
-def robot(either_robot):
-    """One compiles for seconds: the other one is in the slow tests."""
-    return either_robot
-
-
-@pytest.fixture
 def lqr(robot):
     return upright_lqr(LEADERBOARD.driven(robot), robot, PUBLISHED_SETTINGS[robot.name].lqr)
 
@@ -51,15 +45,6 @@ def test_gain_of_a_disturbance_is_that_of_a_regulator_whose_state_it_is(robot, l
     gains = driving @ S / settings.torque_weight
     np.testing.assert_allclose(gains[:4], lqr.gains, rtol=1e-6)
     assert disturbance_gain(LEADERBOARD.driven(robot), lqr) == pytest.approx(gains[4], rel=1e-4)
-
-
-def test_linearisation_of_the_step_agrees(x64, robot, upright_system):
-    A, B = upright_system
-    p = LEADERBOARD.driven(robot)
-    step = jax.jit(jax.jacfwd(lambda x, u: rk4_step(p, x, u, 1e-5), argnums=(0, 1)))
-    by_x, by_u = step(jnp.asarray(UPRIGHT), jnp.zeros(2))
-    np.testing.assert_allclose((by_x - np.eye(4)) / 1e-5, A, atol=1e-2)
-    np.testing.assert_allclose(by_u[:, robot.joint] / 1e-5, B, atol=1e-2)
 
 
 def test_balances_and_gives_up_far_away(x64, robot, lqr):

@@ -46,8 +46,7 @@ def test_score(robot):
     assert 7.6 < criteria.energy < 7.9
 
 
-def test_no_small_change_of_the_torques_lowers_the_cost(x64, either_robot):
-    robot = either_robot
+def test_no_small_change_of_the_torques_lowers_the_cost(x64, robot):
     reference, metadata = shipped_reference(robot, "score")
     problem, p, dt = OPTIMAL_SETTINGS[robot.name].swingup, LEADERBOARD.driven(robot), reference.dt
     rows, actuation = len(reference.torque), np.array(robot.actuation)

@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 from swingup.controllers.baselines.lqr import linearised, riccati_recursion
+from swingup.controllers.baselines.piecewise_cubic import fit_piecewise_cubic
 from swingup.controllers.baselines.tracking import RiccatiController, tvlqr
 from swingup.controllers.swingups.reference import Reference
 from swingup.plant.plant import LEADERBOARD
@@ -54,3 +55,34 @@ def test_tvlqr(x64):
         assert torque(controller, t, x + OFF) == pytest.approx(expected, abs=1e-5)
         assert torque(controller, t, x + OFF + [2 * np.pi, -4 * np.pi, 0, 0]) == pytest.approx(expected, abs=1e-5)
     assert torque(controller, 9.0, REFERENCE.states[-1]) == pytest.approx(REFERENCE.torque[-1], abs=1e-6)
+
+
+MOMENTS = 0.01 * np.arange(103)
+VALUES = np.column_stack([np.sin(5 * MOMENTS), np.random.default_rng(0).normal(size=MOMENTS.size)])
+
+
+@pytest.fixture
+def fit():
+    return fit_piecewise_cubic(MOMENTS, VALUES, 10)
+
+
+def test_each_piece_is_the_least_squares_cubic(x64, fit):
+    # 103 samples in 10 pieces: three of 11, then seven of 10.
+    pieces = np.array_split(np.arange(103), 10)
+    assert [len(piece) for piece in pieces] == [11] * 3 + [10] * 7
+    for piece in pieces:
+        for channel in range(2):
+            cubic = np.polyfit(MOMENTS[piece], VALUES[piece, channel], 3)
+            fitted = [float(fit(jnp.asarray(t))[channel]) for t in MOMENTS[piece]]
+            np.testing.assert_allclose(fitted, np.polyval(cubic, MOMENTS[piece]), atol=1e-9)
+
+
+def test_ends_are_held(x64, fit):
+    np.testing.assert_array_equal(fit(jnp.asarray(-1.0)), fit(jnp.asarray(0.0)))
+    np.testing.assert_array_equal(fit(jnp.asarray(9.0)), fit(jnp.asarray(MOMENTS[-1])))
+
+
+def test_between_two_pieces_the_later_one_holds(x64, fit):
+    piece = np.arange(11, 22)
+    cubic = np.polyfit(MOMENTS[piece], VALUES[piece, 1], 3)
+    assert float(fit(jnp.asarray(0.105))[1]) == pytest.approx(np.polyval(cubic, 0.105), abs=1e-9)

@@ -18,12 +18,6 @@ STATES = RANDOM.uniform(-1, 1, (40, 4)) * [4, 4, 10, 10]
 TORQUES = RANDOM.uniform(-6, 6, 40)
 
 
-@pytest.fixture
-def robot(either_robot):
-    """One compiles for seconds: the other one is in the slow tests."""
-    return either_robot
-
-
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(None, None, None, 0, 0))
 def judged(p, actuation, dt, x, u):

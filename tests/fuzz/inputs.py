@@ -296,10 +296,7 @@ SHAPES = """<mujoco><compiler eulerseq="zyx"/><option><flag contact="disable"/><
 <inertial pos="0 0 0" mass=".1" fullinertia=".1 .1 .1 0 0 0"/></body></body></frame></body></body></worldbody>
 <actuator><motor joint="j1" gear="2" ctrlrange="-1 1"/>
 <general joint="j2" gainprm="3" ctrlrange="-2 1" forcerange="-1 1"/></actuator></mujoco>"""
-MODELS = [
-    *(model_text(suffix, "x", PLANT | {"Ir": 0.001, "gr": 6.0}) for suffix in (".urdf", ".xml")),
-    SHAPES,
-]
+MODELS = [*(model_text(suffix, "x", PLANT | {"Ir": 0.001, "gr": 6.0}) for suffix in (".urdf", ".xml")), SHAPES]
 WORDS = [
     "", "0", "-1", "nan", "inf", "1e400", "1e-320", "1e8", "0 0", "0 0 0", "1 0 0 0", "1,2", "x", "9" * 5000,
     "true", "false", "&amp;", "base", "link1", "free", "slide", "mesh", "global", "radian", "XyZ", "0 0 0 0 0 0",

@@ -43,7 +43,7 @@ def torques(function):
     return lambda c: {"u1": function(c.u1), "u2": function(c.u2)}
 
 
-DEGREES, RPM = "q1=pos_meas1:deg q2=pos_meas2:deg", "dq1=vel_meas1:rpm dq2=vel_meas2:rpm"
+RPM = "dq1=vel_meas1:rpm dq2=vel_meas2:rpm"
 ABSOLUTE, SWAPPED = "q2=pos_meas2-pos_meas1 dq2=vel_meas2-vel_meas1", "u1=tau_con2 u2=tau_con1"
 CONVENTIONS = {
     "absolute, up": (lambda c: {"q1": c.q1 - PI, "q2": c.q1 + c.q2 - PI, "d2": c.d1 + c.d2},
@@ -56,38 +56,22 @@ CONVENTIONS = {
 """What was done to a log, and the words that undo it."""
 MORE_CONVENTIONS = {
     "torques swapped": (lambda c: {"u1": c.u2, "u2": c.u1}, SWAPPED),
-    "up": (lambda c: {"q1": c.q1 - PI}, "q1=pos_meas1+pi"),
     "folded": (lambda c: {"q2": c.q2 + PI}, "q2=pos_meas2+pi"),
     "turns, rpm": (lambda c: angles(lambda q: q / TURN)(c) | rates(lambda d: d * 60 / TURN)(c),
                    f"q1=pos_meas1:turns q2=pos_meas2:turns {RPM}"),
     "velocities swapped": (lambda c: {"d1": c.d2, "d2": c.d1}, "dq1=vel_meas2 dq2=vel_meas1"),
     "one in mN m": (lambda c: {"u2": 1000 * c.u2}, "u2=tau_con2:mNm"),
     "velocity reversed": (lambda c: {"d1": -c.d1}, "dq1=-vel_meas1"),
-    "absolute": (lambda c: {"q2": c.q1 + c.q2, "d2": c.d1 + c.d2}, ABSOLUTE),
     "horizontal": (lambda c: {"q1": c.q1 - PI / 2}, "q1=pos_meas1+pi/2"),
-    "horizontal, absolute": (lambda c: {"q1": c.q1 + PI / 2, "q2": c.q1 + c.q2 + PI / 2, "d2": c.d1 + c.d2},
-                             f"q1=pos_meas1-pi/2 {ABSOLUTE}"),
     "up in degrees": (lambda c: {"q1": np.degrees(c.q1) - 180, "q2": np.degrees(c.q2)},
                       "q1=pos_meas1+180:deg q2=pos_meas2:deg"),
-    "up in turns": (lambda c: {"q1": c.q1 / TURN - 0.5, "q2": c.q2 / TURN, "d1": c.d1 / TURN, "d2": c.d2 / TURN},
-                    "q1=pos_meas1+0.5:turns q2=pos_meas2:turns dq1=vel_meas1:turns/s dq2=vel_meas2:turns/s"),
-    "absolute in degrees": (lambda c: {"q1": np.degrees(c.q1), "q2": np.degrees(c.q1 + c.q2)},
-                            "q1=pos_meas1:deg q2=pos_meas2-pos_meas1:deg"),
-    "folded, reversed": (lambda c: {"q2": PI - c.q2, "d2": -c.d2}, "q2=-pos_meas2+pi dq2=-vel_meas2"),
     "joints swapped": (lambda c: dict(zip(SHORT[1:], (c.q2, c.q1, c.d2, c.d1, c.u2, c.u1), strict=True)),
                        f"q1=pos_meas2 q2=pos_meas1 dq1=vel_meas2 dq2=vel_meas1 {SWAPPED}"),
-    "torque reversed": (lambda c: {"u2": -c.u2}, "u2=-tau_con2"),
     "torques swapped, one reversed": (lambda c: {"u1": -c.u2, "u2": c.u1}, "u1=tau_con2 u2=-tau_con1"),
-    "torques swapped, degrees": (lambda c: angles(np.degrees)(c) | {"u1": c.u2, "u2": c.u1},
-                                 f"{DEGREES} {SWAPPED}"),
     "N cm": (torques(lambda u: 100 * u), "u1=tau_con1:Ncm u2=tau_con2:Ncm"),
     "oz in": (torques(lambda u: u / 0.00706155), "u1=tau_con1:ozin u2=tau_con2:ozin"),
     "one in oz in": (lambda c: {"u1": c.u1 / 0.00706155}, "u1=tau_con1:ozin"),
-    "one in N cm, absolute": (lambda c: {"q2": c.q1 + c.q2, "d2": c.d1 + c.d2, "u1": 100 * c.u1},
-                              f"{ABSOLUTE} u1=tau_con1:Ncm"),
     "deg/s beside rad": (rates(np.degrees), "dq1=vel_meas1:deg/s dq2=vel_meas2:deg/s"),
-    "counts of 2000": (angles(lambda q: np.round(q * 2000 / TURN)),
-                       "q1=pos_meas1:counts/2000 q2=pos_meas2:counts/2000"),
     "counts that wrap": (angles(lambda q: np.round(q * 8192 / TURN) % 8192),
                          "q1=pos_meas1:counts/8192 q2=pos_meas2:counts/8192"),
     "angles of the motors": (angles(lambda q: 6 * q), "q1=pos_meas1:rad*0.166667 q2=pos_meas2:rad*0.166667"),

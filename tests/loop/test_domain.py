@@ -113,12 +113,6 @@ def test_steps_are_stable_on_all_plants_of_a_domain(name):
     assert domain.substeps == max(stable_substeps(corner, period) for corner in domain.corners())
 
 
-def test_facts_decide_about_the_steps():
-    """Coulomb friction of 0.5 N m needs 4 steps."""
-    assert (load_domain("identified").substeps, load_domain("randomised").substeps) == (1, 2)
-    assert make_domain({"plant": "C.1", "cf2": [0.0, 0.5]}).substeps == 4
-
-
 def test_draws_take_their_random_numbers_in_the_order_of_the_file():
     """The first two draws of one key, by whichever names: boards keep their numbers where fields move."""
     contents = {"m1": [0.5, 0.6], "delay": [0.0, 0.1]}, {"lag": [0.0, 0.1], "m1": [0.5, 0.6]}
@@ -162,7 +156,7 @@ def test_a_domain_alone_and_a_perfect_loop():
 
 
 def test_a_small_plant_in_the_loop_of_a_large_one():
-    """CloudPendulum's motors have 0.13 of 6 N m; its unit of time is 0.4258 of C.1's (test_task_units.py)."""
+    """CloudPendulum's motors have 0.13 of 6 N m; its unit of time is 0.4258 of C.1's."""
     both = loop_around("cloudpendulum", "identified")
     assert both.name == "cloudpendulum in the loop of identified"
     made, torque, time = both.as_dict(), 0.13 / 6, 0.42582

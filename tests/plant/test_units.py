@@ -3,13 +3,9 @@
 import dataclasses
 import math
 
-import jax
-import jax.numpy as jnp
-import numpy as np
 import pytest
 
 from refusals import refusal
-from swingup.dynamics.integrate import rk4_step
 from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.plant.robots import ROBOTS
 from swingup.plant.units import (
@@ -48,24 +44,6 @@ def test_units_of_a_similar_pendulum(similar):
     assert back.values() == pytest.approx(LEADERBOARD.values(), rel=1e-12)
     units = [found.of(unit) for unit in (VELOCITY, ACCELERATION, INERTIA, DAMPING)]
     assert units == pytest.approx([2.0, 4.0, 0.025 / 4, 0.025 / 2])
-
-
-def test_a_similar_pendulum_moves_alike_in_its_own_units(either_robot, similar):
-    big = LEADERBOARD.driven(either_robot)
-    small = similar(big)
-    units = scales_of(small)
-    torques = np.random.default_rng(0).uniform(-6.0, 6.0, (40, 1)) * either_robot.actuation
-    in_units = jnp.array([1.0, 1.0, units.of(VELOCITY), units.of(VELOCITY)])
-    step = jax.jit(rk4_step)
-    with jax.enable_x64(True):
-        x = jnp.array([0.3, -0.2, 4.0, -6.0])
-        y, farthest = x * in_units, 0.0
-        for u in torques:
-            x = step(big, x, jnp.asarray(u), 0.01)
-            y = step(small, y, jnp.asarray(u * units.torque), 0.01 * units.time)
-            farthest = max(farthest, float(jnp.abs(x[:2]).max()))
-        assert farthest > 0.5
-        np.testing.assert_allclose(y, x * in_units, rtol=1e-10)
 
 
 def test_torque_over_gravity():

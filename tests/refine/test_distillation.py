@@ -110,10 +110,10 @@ def test_no_plant_is_on_the_grid_that_judges():
     assert not drawn & {tuple(map(float, jax.tree.leaves(case.scenario.parameters))) for case in cases}
 
 
-def test_the_swingup_teaches_near_it_and_the_regulator_at_the_top(robot):
-    teachers, teacher = a_teacher(robot)
+def test_the_swingup_teaches_near_it_and_the_regulator_at_the_top(either_robot):
+    teachers, teacher = a_teacher(either_robot)
     assert teachers.number == 1
-    recovery, row = small(robot), 60
+    recovery, row = small(either_robot), 60
     torque, distance = taught(teacher, recovery, 0.5, teacher.states[row])
     assert (float(torque), float(distance)) == (float(teacher.torque[row]), 0.0)
     # A whole turn is no distance, and the gains answer a small error.
@@ -129,7 +129,7 @@ def test_the_swingup_teaches_near_it_and_the_regulator_at_the_top(robot):
     # Dry friction of the undriven joint costs torque there.
     rubbing = eqx.tree_at(lambda one: one.top_friction, teacher, jnp.float32(2.0))
     error = np.zeros(4, np.float32)
-    error[3 - robot.joint] = 0.1
+    error[3 - either_robot.joint] = 0.1
     more = taught(rubbing, recovery, 0.5, jnp.float32([np.pi, 0, 0, 0]) + error)[0]
     less = taught(teacher, recovery, 0.5, jnp.float32([np.pi, 0, 0, 0]) + error)[0]
     assert float(more - less) == pytest.approx(0.5 * 2.0 * np.arctan(1.0), abs=1e-4)
@@ -157,12 +157,6 @@ def test_a_matched_torque_moves_another_plant_as_nearly_as_it_can_as_the_nominal
         for off in (-0.01, 0.0, 0.01)
     ]
     assert miss[1] < min(miss[0], miss[2])
-
-
-def test_lessons_are_joined_in_order():
-    one, two = (Dataset(np.full((n, 4), n), np.full(n, n), np.full(n, n), np.full(n, n)) for n in (2, 3))
-    assert (one + two).u.tolist() == [2, 2, 3, 3, 3]
-    assert (one + two).x.shape == (5, 4)
 
 
 def test_a_new_student_sees_the_plant_in_units_of_its_ranges():

@@ -52,15 +52,6 @@ def test_a_folder_scores_as_its_policy_does_in_the_judge(form, judged, tmp_path)
     assert found.difference is None
 
 
-@pytest.mark.slow
-def test_the_adaptive_folder_scores_as_in_the_judge(tmp_path):
-    rules = dataclasses.replace(BRIEF, duration=2.5)
-    judged = swingup.judge(load_controller("adaptive", "acrobot"), "acrobot", rules)
-    found = rehearse(export(tmp_path / "entry", "realaigym", name="adaptive"), BOARD, "none", board=rules)
-    assert found.result.criteria.score == pytest.approx(judged.criteria.score, abs=1e-6)
-    assert found.facts["packages"] == ["numpy"]
-
-
 def test_a_guard_that_stops_the_folder_is_reported(tmp_path):
     folder = export(tmp_path / "entry", "realaigym", GuardSettings(velocity_limit=2.0))
     found = rehearse(folder, BOARD, "none", board=BRIEF, duration=0.6)

@@ -1,3 +1,4 @@
+import functools
 import math
 
 import numpy as np
@@ -8,13 +9,9 @@ from swingup.benchmark.rollout import Trajectory
 from swingup.drawing import draw_frame
 from swingup.report.film import animate
 
+from . import test_plot
 
-def swing(duration=2.0, dt=0.002, turns=0.5):
-    time = dt * np.arange(round(duration / dt) + 1)
-    x = np.zeros((time.size, 4))
-    x[:, 0] = 2 * np.pi * turns * time / duration
-    u = np.column_stack([0 * time, 4 * np.cos(time)])
-    return Trajectory(time=time, x=x, u=u)
+swing = functools.partial(test_plot.swing, dt=0.002)
 
 
 def read(path):
