@@ -24,12 +24,11 @@ UPRIGHT = np.array([np.pi, 0.0, 0.0, 0.0])
 
 def verdict(change, fault=None, end=None):
     """The verdict on a run that hangs for a second and is up from then on, but for a change of its states."""
-    rules = SIM2REAL
-    time = rules.dt * np.arange(rules.steps)
+    time = SIM2REAL.dt * np.arange(SIM2REAL.steps)
     x = np.where(time[:, None] < 1.0, 0.0, UPRIGHT)
     change(x, time)
     rows = Trajectory(time[:end], x[:end], np.zeros((len(time[:end]), 2)))
-    return rules.score(Case(Scenario(load_plant("C.1")), {"seed": 7}), rows, fault)
+    return SIM2REAL.score(Case(Scenario(load_plant("C.1")), {"seed": 7}), rows, fault)
 
 
 def test_success():

@@ -21,8 +21,7 @@ from swingup.plant.robots import get_robot
 from .controllers import FRICTION, Counting, PlainCounting
 from .independent import ResetText, World, closed_loop, gravity, rk4
 
-V3 = UPTIME
-BRIEF = dataclasses.replace(V3, name="brief", duration=2.0, throws=3, first=0.4, jitter=0.1)
+BRIEF = dataclasses.replace(UPTIME, name="brief", duration=2.0, throws=3, first=0.4, jitter=0.1)
 BOTH = {"tl1": 6.0, "tl2": 6.0}
 """Torque limits (N m): both motors are there."""
 
@@ -122,7 +121,7 @@ def test_the_real_boards_resets_come_at_their_times():
 def test_throws_come_at_their_times_and_last_a_hundred_steps_or_one_more():
     lengths = set()
     for seed in range(20):
-        throws = draw_throws(V3, LEADERBOARD, seed)
+        throws = draw_throws(UPTIME, LEADERBOARD, seed)
         assert throws.number.shape == (30_000,)
         for index in range(15):
             steps = np.flatnonzero(throws.number == index)

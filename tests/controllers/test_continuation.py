@@ -113,8 +113,7 @@ def test_three_plants_are_continued_and_end_upright_on_their_plant():
     shipped = shipped_reference(robot, "score")[0].states[:, None, :2]
     distance = np.abs(shipped - found.states[0, :, :2]).max(axis=2).min(axis=1)
     assert distance.max() < 0.1
-    rules = ROBUSTNESS
     for index, plant in enumerate((nominal, heavy, rough)):
         controller = found.controller(index, plant)
-        rows = run_one(controller, Scenario(plant), rules.dt, rules.steps)
-        assert upright(rows.x[-1:], rules.tolerance).all()
+        rows = run_one(controller, Scenario(plant), ROBUSTNESS.dt, ROBUSTNESS.steps)
+        assert upright(rows.x[-1:], ROBUSTNESS.tolerance).all()

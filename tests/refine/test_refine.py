@@ -24,7 +24,6 @@ from swingup.refine.objective import EpisodeWeights, Measures, bound_adjoint, me
 from swingup.refine.recipe import GradientStage, run_recipe
 from swingup.tasks.observation import PendulumStage
 
-RULES = PERFORMANCE
 ACROBOT = get_robot("acrobot")
 FEW = EpisodeSettings(nominal=4, anywhere=4, thrown=0)
 BALANCED = EpisodeWeights(score=0.5, down=0.5, away=0.5)
@@ -34,7 +33,7 @@ SHORT = PolicyGradientSettings(iterations=4, learning_rate=1e-3, duration=0.06, 
 
 @jax.jit
 def measured(trajectory, plant):
-    return measure_episode(trajectory, plant, RULES.dt, RULES)
+    return measure_episode(trajectory, plant, PERFORMANCE.dt, PERFORMANCE)
 
 
 def small(robot=ACROBOT, seed=0):
@@ -79,12 +78,12 @@ def test_the_smooth_score_is_nearly_the_judge_s(either_robot):
     measures = measured(result.trajectory, LEADERBOARD.driven(robot))
     # The smoothed line takes 0.7 % of the time upright for down.
     assert 0 < result.criteria.score - float(measures.score) < 3e-3
-    assert 0 < float(measures.down) - result.criteria.swingup_time / RULES.duration < 8e-3
+    assert 0 < float(measures.down) - result.criteria.swingup_time / PERFORMANCE.duration < 8e-3
 
 
 def test_being_away_costs_more_the_farther():
     def away(x):
-        trajectory = Trajectory(RULES.dt * np.arange(3), np.tile(np.float32(x), (3, 1)), np.zeros((3, 2)))
+        trajectory = Trajectory(PERFORMANCE.dt * np.arange(3), np.tile(np.float32(x), (3, 1)), np.zeros((3, 2)))
         return float(measured(trajectory, LEADERBOARD.driven(ACROBOT)).away)
 
     ways = [away(x) for x in ([np.pi, 0, 0, 0], [np.pi - 0.2, 0.1, 0, 0], [2.0, 1.0, 0, 0], [0.0, np.pi, 0, 0])]
@@ -96,7 +95,7 @@ def test_being_away_costs_more_the_farther():
 
 def test_speeds_above_fourteen_count_squared_and_the_cost_weighs_the_measures():
     x = np.float32([[0.0, 0.0, 14.0, -13.0], [0.0, 0.0, -21.0, 28.0]])
-    trajectory = Trajectory(RULES.dt * np.arange(2), x, np.zeros((2, 2)))
+    trajectory = Trajectory(PERFORMANCE.dt * np.arange(2), x, np.zeros((2, 2)))
     fast = measured(trajectory, LEADERBOARD.driven(ACROBOT)).fast
     assert float(fast) == pytest.approx((0.5**2 + 1.0**2) / 2)
     measures = Measures(jnp.array(0.5), down=jnp.array(0.2), away=jnp.array(0.4), fast=jnp.array(2.0))

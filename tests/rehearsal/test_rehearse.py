@@ -23,7 +23,6 @@ from swingup.rehearsal.rehearse import rehearse
 from swingup.runtime import load_controller
 
 BRIEF = dataclasses.replace(PERFORMANCE, duration=1.5)
-BOARD = LEADERBOARD
 
 
 def export(folder, form, guard=None, name="ar-eapo"):
@@ -42,7 +41,7 @@ def test_a_folder_scores_as_its_policy_does_in_the_judge(form, judged, tmp_path)
     """The second form moves alike at the start: it differs in how it is called."""
     whole = form == "realaigym"
     rules = BRIEF if whole else dataclasses.replace(BRIEF, duration=0.4)
-    found = rehearse(export(tmp_path / "entry", form), BOARD, "none", board=rules)
+    found = rehearse(export(tmp_path / "entry", form), LEADERBOARD, "none", board=rules)
     result = found.result
     assert (result.successes, len(result.runs)) == (int(whole), 1)
     assert (found.folder.form, result.robot, found.facts["packages"]) == (form, "acrobot", ["numpy"])
@@ -54,7 +53,7 @@ def test_a_folder_scores_as_its_policy_does_in_the_judge(form, judged, tmp_path)
 
 def test_a_guard_that_stops_the_folder_is_reported(tmp_path):
     folder = export(tmp_path / "entry", "realaigym", GuardSettings(velocity_limit=2.0))
-    found = rehearse(folder, BOARD, "none", board=BRIEF, duration=0.6)
+    found = rehearse(folder, LEADERBOARD, "none", board=BRIEF, duration=0.6)
     stopped, rows, tip = found.stops[0], found.result.trajectory, found.result.tip
     assert "velocity is beyond the limit" in stopped["why"]
     # The loop is perfect: the guard sees the very state that passes its limit.
