@@ -1,4 +1,4 @@
-"""Training runs on disk: folders, resuming bit for bit, stopping, diverging."""
+"""Training runs on disk: folders, resuming bit for bit with each option on both back ends, stopping, diverging."""
 
 import dataclasses
 import json
@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
-from policies import lone_policy
+from policies import load_any_policy, lone_policy
 from refusals import refusal
+from swingup.areapo.config import Config
 from swingup.controllers.stack.controller import save_controller
 from swingup.learner import compiled_backend
 from swingup.learner.metrics import read_metrics
@@ -22,6 +23,8 @@ from swingup.learner.start import resume_run, start_run
 from swingup.plant.plant import LEADERBOARD, load_plant
 
 from .brief import briefly_judged
+from .corridors import Corridor
+from .environments import Noisy
 
 CONFIG = dataclasses.replace(
     get_preset("default").config,
@@ -333,3 +336,47 @@ def test_settings_keep_their_plant():
     assert task.parameters == plant.driven("acrobot")
     assert task.dt == pytest.approx(0.01 * 1.08687, abs=1e-7)
     assert run_settings_from_dict(SETTINGS.as_dict()).plant == LEADERBOARD
+
+
+SMALLER = Config(
+    num_envs=2, num_steps=16, num_epochs=1, batch_size=16, policy_layers=(8, 8), value_layers=(8,),
+    centre_values=True,
+)  # fmt: skip
+FEW = 32
+"""Frames of one iteration."""
+OPTIONS = {
+    "none": {},
+    "activation": {"activation": "tanh"},
+    "normalise_rewards": {"normalise_rewards": True},
+    "one deviation": {"deviation": "action"},
+    "adaptive": {"terminations": "adaptive_cost", "reset_cost": 2.0},
+    "schedule": {"schedule": "anneal_entropy", "schedule_frames": 160},
+}
+ENVS = {"host": Noisy, "compiled": Corridor()}
+OPTION_CASES = [
+    pytest.param(
+        option, env, marks=[pytest.mark.slow] * (name != "host" or option != "none"), id=f"{option}-{name}"
+    )
+    for option in OPTIONS
+    for name, env in ENVS.items()
+]
+
+
+@pytest.mark.parametrize(("option", "env"), OPTION_CASES)
+def test_options_of_networks_rewards_and_schedules_resume(tmp_path, option, env):
+    """Environments that the host steps start anew at each checkpoint, also where nobody stopped."""
+    config = dataclasses.replace(SMALLER, **OPTIONS[option])
+    settings = RunSettings(None, "mujoco", 3, 1, 64, 128, config, "<passed in>", 2)
+    list(start_run(settings, tmp_path / "whole", 8 * FEW, env).advance())
+    run = resumed_after(6 * FEW, tmp_path / "part", 8 * FEW, settings, env)  # past the checkpoint at 4
+    assert run.frames == 4 * FEW
+    list(run.advance())
+    assert_same_runs(tmp_path / "whole", tmp_path / "part")
+    costs = {row["reset_cost"] for row in measured(tmp_path / "part")}
+    assert (len(costs) > 1) == (option == "adaptive")
+    loaded, _ = load_any_policy(tmp_path / "whole" / "last.safetensors")
+    kept = run.policies()[0].actor
+    assert loaded.actor.activation == kept.activation
+    # A file does not say that the deviation's weights were not to learn: they are 0.
+    for found, expected in zip(jax.tree.leaves(loaded.actor), jax.tree.leaves(kept), strict=True):
+        np.testing.assert_array_equal(found, expected)
