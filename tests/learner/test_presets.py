@@ -1,15 +1,19 @@
-"""Presets: what each promises, how a run chooses one, and real trainings from scratch."""
+"""Presets: what each promises, how a run chooses one, real trainings from scratch; and sizes beyond the memory."""
 
 import dataclasses
 
 import pytest
 
+from swingup.areapo.config import Config
+from swingup.learner import memory
+from swingup.learner.memory import check_memory, training_bytes
 from swingup.learner.presets import choose_preset, get_preset, is_pendulum
 from swingup.learner.run_settings import RunSettings
 from swingup.learner.start import start_run
 from swingup.plant.plant import load_plant
 from swingup.plant.robots import ROBOTS
 from swingup.tasks.presets import smooth_task
+from swingup.tasks.task import Spaces
 
 PPO = {
     "num_envs": 1, "num_steps": 2048, "batch_size": 64, "num_epochs": 10, "learning_rate": 3e-4,
@@ -57,3 +61,15 @@ def test_the_small_preset_learns_on_a_pendulum_of_another_size(tmp_path):
     times = [report.rows[0]["swingup_time"] for report in run.advance()]
     # Up by then, and to the end after 10 s: it does not just spin.
     assert any(time is not None and time < 8 for time in times)
+
+
+@pytest.mark.parametrize("preset_size", [Config(), Config(num_envs=8, num_steps=256, batch_size=128)])
+def test_usual_sizes_are_no_matter(preset_size):
+    weights, rollouts = training_bytes(preset_size, Spaces(6, 1))
+    assert weights + rollouts < 200e6
+    check_memory(preset_size, Spaces(6, 1), seeds=5)
+
+
+def test_where_nobody_tells_the_memory_nothing_is_refused(monkeypatch):
+    monkeypatch.setattr(memory, "available_bytes", lambda: None)
+    check_memory(Config(policy_layers=(10**6, 10**6)), Spaces(6, 1))
