@@ -135,8 +135,8 @@ def share_cores(seeds: int) -> None:
 
     Asynchronous dispatch is switched off as well. Programs on several devices run in threads of XLA, of which a CPU
     has one for each core. With asynchronous dispatch, programs on one device, such as evaluations, hold these
-    threads, too; without it they run in the thread that calls them. Nor does a program share its work among threads:
-    devices have all cores, and XLA's pool of such threads may lose a task, so that a run waits for ever.
+    threads, too; without it they run in the thread that calls them. Nor does a program share its work among
+    threads: devices have all cores, and XLA's pool of such threads may lose a task, so that a run waits for ever.
     """
     count = even_shares(seeds, cores())
     if count == 1 or COUNT_FLAG in os.environ.get("XLA_FLAGS", ""):
