@@ -141,10 +141,10 @@ def share_cores(seeds: int) -> None:
     count = even_shares(seeds, cores())
     if count == 1 or COUNT_FLAG in os.environ.get("XLA_FLAGS", ""):
         return
-    os.environ["XLA_FLAGS"] = f"{ONE_THREAD} {os.environ.get('XLA_FLAGS', '')}"
     with contextlib.suppress(RuntimeError):
         jax.config.update("jax_num_cpu_devices", count)
         jax.config.update("jax_cpu_enable_async_dispatch", False)
+        os.environ["XLA_FLAGS"] = f"{ONE_THREAD} {os.environ.get('XLA_FLAGS', '')}"
 
 
 def sharing_mesh(seeds: int) -> Mesh:
