@@ -49,8 +49,8 @@ def short_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> PendulumTask:
     as 0.5 to 0.7 rad/s.
     """
     costs = (50.0, 50.0, *SHORT_VELOCITY_COSTS[robot.name])
-    task = dataclasses.replace(_smooth(robot, plant), state_cost=costs, torque_cost=30.0)
-    return _in_own_units(dataclasses.replace(task, max_steps=300))
+    smooth = _smooth(robot, plant)
+    return _in_own_units(dataclasses.replace(smooth, state_cost=costs, torque_cost=30.0, max_steps=300))
 
 
 def global_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> RecoveryTask:
