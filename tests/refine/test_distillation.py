@@ -13,7 +13,7 @@ from swingup.benchmark.boards import ROBUSTNESS
 from swingup.benchmark.grid import make_cases
 from swingup.controllers.baselines.continuation import nominal_swingups
 from swingup.controllers.baselines.continuation_settings import ContinuationSettings
-from swingup.controllers.stack.controller import PolicyController
+from swingup.controllers.stack.controller import PolicyController, policy_alone
 from swingup.controllers.stack.policy import Policy
 from swingup.dynamics.dynamics import acceleration, gravity_torque
 from swingup.loop.on_plant import drawn_around, loop_around
@@ -21,21 +21,22 @@ from swingup.plant.base_parameters import base_parameters
 from swingup.plant.plant import LEADERBOARD, NAMES, Plant, load_plant
 from swingup.plant.robots import get_robot
 from swingup.plant.units import arm_scales, similar_plant
+from swingup.policy.shipped import load_policy
 from swingup.refine import teacher as teaching
 from swingup.refine.analytic_policy_gradient import single_precision
 from swingup.refine.dataset import STILL, Dataset, _hanging_still
-from swingup.refine.distillation import _behind_one_gear, _joined, distil, new_student
-from swingup.refine.distillation_settings import DistillationSettings, plant_scale
+from swingup.refine.distillation import _behind_one_gear, _joined, distil, new_student, recover
+from swingup.refine.distillation_settings import DistillationSettings, RecoverySettings, plant_scale
 from swingup.refine.plant_draws import SWEEPS, PlantDraws, draw_plants
-from swingup.refine.recipe import wrapped_policy
-from swingup.refine.recoveries import make_recoveries
+from swingup.refine.recipe import RECOVER_ON_MANY, wrapped_policy
+from swingup.refine.recoveries import PASSING, make_recoveries, recovery_cost
 from swingup.refine.teacher import APART, TOP_COST, School, make_school, make_teachers, matched_torque
 from swingup.tasks.observation import PendulumStage
 
 ACROBOT, PENDUBOT = get_robot("acrobot"), get_robot("pendubot")
 FEW = DistillationSettings(
     draws=PlantDraws(1, 1, 1, 1), nominal=16, rounds=2, duration=0.4, thrown=0.0, steps=400, anywhere=300,
-    score_steps=4, score_duration=0.1, recovery_episodes=0,
+    score_steps=4, score_duration=0.1, recoveries=None,
 )  # fmt: skip
 
 
@@ -93,14 +94,45 @@ def test_the_robots_plants_are_as_heavy_as_its_motor_is_weak(robot):
     assert -0.02 <= left.min() < 0 < 0.03 < left.max() <= 0.04
 
 
-def test_recoveries_begin_after_throws_and_near_the_top():
+def test_recoveries_begin_after_throws_about_the_top_and_hanging():
     teachers, _ = a_teacher(PENDUBOT)
-    settings = dataclasses.replace(FEW, recovery_top=0.25)
-    starts = np.asarray(make_recoveries(small(PENDUBOT), teachers, settings, np.random.default_rng(0)).starts)
+    shares = RecoverySettings(thrown=0.25, nominal=0.5, robots=0.25, top=0.25, passing=0.125, hanging=0.125)
+    of, cost_to_go = (teachers.plant, teachers.base), teachers.cost_to_go[-1]
+    found = make_recoveries(small(PENDUBOT), *of, cost_to_go, shares, np.random.default_rng(0))
+    starts = np.asarray(found.starts)
     errors = starts - np.array([np.pi, 0, 0, 0])
-    costs = np.einsum("ni,ij,nj->n", errors, np.asarray(teachers.cost_to_go[0]), errors)
-    assert (len(costs), (costs[:3072] < 1).mean() < 0.05) == (4096, True)
-    assert np.sort(costs[3072:]) == pytest.approx(np.linspace(0, 1, 1024), abs=0.06)
+    costs = np.einsum("ni,ij,nj->n", errors, np.asarray(cost_to_go), errors)
+    assert (len(costs), (costs[:4096] < 1).mean() < 0.05) == (8192, True)
+    assert np.sort(costs[4096:6144]) == pytest.approx(np.linspace(0, 1, 2048), abs=0.06)
+    assert np.abs(errors[6144:7168]).mean(axis=0) == pytest.approx(np.sqrt(2 / np.pi) * np.array(PASSING), rel=0.15)
+    assert np.abs(np.sin(starts[7168:] / 2)).max() < 0.05
+    # A second of a weak throw is slower at its end than a fifth of one of a strong one.
+    assert np.abs(starts[2048:4096, 2:]).mean() < 0.5 * np.abs(starts[:2048, 2:]).mean()
+    assert ((starts[:, 0] >= 0) & (np.abs(starts[:, :2] - [np.pi, 0]) <= np.pi + 1e-5).all(1))[:7168].all()
+    assert np.asarray(found.on).tolist() == [teachers.number - 1] * 1024 + [-1] * 7168
+
+
+@pytest.mark.slow
+def test_a_policy_that_sees_its_plant_recovers_better_and_keeps_its_torques():
+    random = np.random.default_rng(0)
+    plants = draw_plants(random, ACROBOT, PlantDraws(1, 1, 1, 1))
+    shipped = single_precision(policy_alone(load_policy("adaptive", ACROBOT)))
+    before = eqx.tree_at(lambda c: c.policy.actor.std_head, shipped, None, is_leaf=lambda leaf: leaf is None)
+    wanted = RecoverySettings(episodes=8, duration=0.3, thrown=0.0, top=0.0, passing=1.0)
+    few = {"duration": 0.4, "batch": 64, "score_steps": 24, "score_duration": 0.1, "score_weight": 0.0}
+    settings = dataclasses.replace(RECOVER_ON_MANY, **few, recoveries=wanted)
+    kept = []
+    after = recover(before, plants, settings, random, lambda now, done: kept.append(done))
+    assert kept == [0, 0, 0, 1]
+    bases = jnp.float32(np.stack([base_parameters(plant) for plant in plants_of(plants)]))
+    many = dataclasses.replace(wanted, episodes=256)
+    cases = make_recoveries(before, single_precision(plants), bases, np.eye(4), many, np.random.default_rng(1))
+    cost = eqx.filter_jit(lambda policy: recovery_cost(single_precision(policy), cases, many, jax.random.key(0)))
+    assert cost(after) < cost(before) - 0.01
+    x = jnp.zeros(4)
+    hanging = [float(each.control(None, 0.0, x, bases[0])[1][1]) for each in (before, after)]
+    assert hanging[1] == pytest.approx(hanging[0], abs=1.0)
+    assert len(after.policy.actor.trunk) == 3
 
 
 def test_no_plant_is_on_the_grid_that_judges():
@@ -230,7 +262,7 @@ def test_a_student_learns_and_sees_its_plant():
     assert np.abs(x - wanted).mean() < 0.6 * np.abs(before - wanted).mean()
     again = distil([school], FEW, np.random.default_rng(1))
     assert all(map(np.array_equal, jax.tree.leaves(student.policy), jax.tree.leaves(again.policy)))
-    more = dataclasses.replace(FEW, recovery_episodes=2, recovery_duration=0.1)
+    more = dataclasses.replace(FEW, recoveries=RecoverySettings(episodes=2, duration=0.1))
     recovering = distil([school], more, np.random.default_rng(1))
     assert not all(map(np.array_equal, jax.tree.leaves(student.policy), jax.tree.leaves(recovering.policy)))
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(recovering.policy))

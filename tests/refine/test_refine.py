@@ -93,15 +93,19 @@ def test_being_away_costs_more_the_farther():
     assert away([3 * np.pi, -2 * np.pi, 0, 0]) == pytest.approx(0, abs=1e-6)
 
 
-def test_speeds_above_fourteen_count_squared_and_the_cost_weighs_the_measures():
-    x = np.float32([[0.0, 0.0, 14.0, -13.0], [0.0, 0.0, -21.0, 28.0]])
+def test_speeds_above_fourteen_and_whole_turns_count_squared_and_the_cost_weighs_the_measures():
+    x = np.float32([[3.5 * np.pi, -2 * np.pi, 14.0, -13.0], [0.0, 2.25 * np.pi, -21.0, 28.0]])
     trajectory = Trajectory(PERFORMANCE.dt * np.arange(2), x, np.zeros((2, 2)))
-    fast = measured(trajectory, LEADERBOARD.driven(ACROBOT)).fast
-    assert float(fast) == pytest.approx((0.5**2 + 1.0**2) / 2)
-    measures = Measures(jnp.array(0.5), down=jnp.array(0.2), away=jnp.array(0.4), fast=jnp.array(2.0))
+    found = measured(trajectory, LEADERBOARD.driven(ACROBOT))
+    assert float(found.fast) == pytest.approx((0.5**2 + 1.0**2) / 2)
+    # From upright: q1 half a half turn too far, then q2 a quarter of one.
+    assert float(found.wound) == pytest.approx((0.5**2 + 0.25**2) / 2)
+    measures = Measures(
+        jnp.array(0.5), down=jnp.array(0.2), away=jnp.array(0.4), fast=jnp.array(2.0), wound=jnp.array(4.0)
+    )
     assert float(EpisodeWeights(score=1.0).cost(measures)) == -0.5
     assert float(EpisodeWeights(0.5, 0.5, 0.25).cost(measures)) == pytest.approx(0.1 + 0.1 - 0.25)
-    assert float(EpisodeWeights(fast=0.1).cost(measures)) == pytest.approx(0.2)
+    assert float(EpisodeWeights(fast=0.1, wound=0.25).cost(measures)) == pytest.approx(1.2)
 
 
 def test_the_cost_of_a_batch_is_the_mean_of_its_episodes():

@@ -30,7 +30,17 @@ from ..plant.robots import Robot
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
 from ..policy.shipped import ADAPTIVE, AR_EAPO, load_policy
 from ..refine.plant_draws import RECORDED
-from ..refine.recipe import ADAPT, RECIPES, RefinementReport, first_plant, run_recipe, shipped_for, wrapped_policy
+from ..refine.recipe import (
+    ADAPT,
+    RECIPES,
+    RECOVER,
+    RefinementReport,
+    first_plant,
+    run_recipe,
+    shipped_for,
+    stages_of,
+    wrapped_policy,
+)
 from ..report.log_report import report_adaptation
 from ..report.page import PAGE_FORMATS, save_log_report
 from .arguments import (
@@ -61,7 +71,7 @@ def refine_command(
     /,
     out: Annotated[str, arg(metavar="FILE.safetensors")],
     policy: Annotated[str | None, arg(metavar="POLICY")] = None,
-    recipe: Annotated[str, word_of("recipe", *RECIPES)] = "recover",
+    recipe: Annotated[str, word_of("recipe", *RECIPES)] = RECOVER,
     plant: PlantOptions = NO_OPTIONS,
     domain: OptionalDomain = None,
     frames: int | None = None,
@@ -80,9 +90,11 @@ def refine_command(
         out: the refined policy's file.
         policy: the policy to start from: a file, or the name of a shipped one; default ar-eapo, for adapt one that
             is trained first, in OUT-base, unless the shipped adaptive succeeds on 98 % of the domain's draws.
-        recipe: recover (be up again soon after throws) or adapt (find the plant, and swing up any of a domain).
+        recipe: recover (be up again soon after throws; a policy that sees its plant, on any of a domain) or adapt
+            (find the plant, and swing up any of a domain).
         plant: what the policy is refined on; for adapt a plant with ranges, or a guess, which is off by 10 %.
-        domain: for adapt: plants and loops, as of evaluate --board sim2real; default recorded.
+        domain: where the policy sees its plant: plants and loops, as of evaluate --board sim2real; default
+            recorded.
         frames: for adapt: frames that the policy to start from is trained for.
         seed: seed of all random numbers.
         seeds: for adapt: draws that are judged.
@@ -96,11 +108,13 @@ def refine_command(
     options: dict[str, Any] = {"policy": policy, "recipe": recipe, "domain": domain, "seed": seed}
     command = command_line("refine", robot.name, **options, out=Path(out).name, **plant)
     if recipe != ADAPT:
-        if domain is not None:
-            raise SwingupError(f"--domain {domain} goes with --recipe adapt: give a plant alone")
-        on = plant_of(plant)
+        given, on = load_policy(str(policy), robot), plant_of(plant)
+        sees_plant = policy_alone(given).policy.sees_plant
+        if domain is not None and not sees_plant:
+            raise SwingupError(f"--domain {domain} is for a policy that sees its plant: give a plant alone")
+        drawn = load_domain(domain or RECORDED) if sees_plant else None
         with Progress() as progress:
-            _refine(load_policy(str(policy), robot), out, recipe, seed, command, progress, plant=on)
+            _refine(given, out, recipe, seed, command, progress, plant=on, domain=drawn)
         tell(f"wrote {out}: judge it with {command_line('evaluate', robot.name, controller=out, **plant)}")
         return 0
     begun, (around, file) = time.monotonic(), adapted_domain(plant, domain, out)
@@ -165,7 +179,8 @@ def _refine(
     domain: Domain | None = None,
 ) -> None:
     """Take a policy through a recipe, and rewrite the file as it proceeds."""
-    stages = RECIPES[recipe]
+    controller = policy_alone(base)
+    stages = stages_of(recipe, controller)
     passive_limit = None if domain is None else float(domain.high.loop.passive_limit)
 
     def report(now: RefinementReport) -> None:
@@ -178,7 +193,7 @@ def _refine(
     def progress(what: str, done: int, total: int) -> None:
         bar(f"stage {len(stages)} of {len(stages)}, {what}", done, total)
 
-    run_recipe(policy_alone(base), base.robot, stages, seed, report, plant=plant, domain=domain, progress=progress)
+    run_recipe(controller, base.robot, stages, seed, report, plant=plant, domain=domain, progress=progress)
 
 
 def _provenance(

@@ -1,5 +1,6 @@
 """The dataset of a distillation: states that runs visit, and what a teacher of the run's plant does in them."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -12,6 +13,7 @@ from ..controllers.stack.controller import PolicyController, plant_of
 from ..dynamics.integrate import rk4_steps
 from ..loop.supervisors.throws import thrown_states
 from ..plant.base_parameters import BASE_NAMES
+from ..plant.plant import Plant
 from ..plant.robots import Robot
 from .distillation_settings import DistillationSettings
 from .teacher import ARRIVED, Teachers, taught, top_cost
@@ -75,10 +77,33 @@ def dagger_rollouts(
     keys = jax.random.split(jax.random.key(int(random.integers(2**31))), shape)
     rows = _runs(teachers, recovery, student, settings, jnp.float32(starts), thrown, acts, keys)
     x, u, distance = map(np.asarray, rows)
-    good = np.isfinite(x).all((2, 3)) & (np.abs(x[..., 2:]).max((2, 3)) < SPOILT)
+    good = _is_good(x)
     plant = np.broadcast_to(which.astype(np.int32)[:, None, None], u.shape)
     weight = np.where(distance < settings.tube, 1.0, settings.outside_weight).astype(np.float32)
     return Dataset(x[good].reshape(-1, 4), *(each[good].reshape(-1) for each in (u, plant, weight)))
+
+
+def own_runs(
+    student: PolicyController,
+    plants: Plant,
+    bases: Float[Array, "plants 9"],
+    settings: DistillationSettings,
+    random: np.random.Generator,
+) -> Dataset:
+    """The states of a policy's own swing-ups of plants, the last of them the nominal one, and its torques there."""
+    shape = len(bases), settings.runs
+    keys = jax.random.split(jax.random.key(int(random.integers(2**31))), shape)
+    x, u = map(np.asarray, _own_runs(student, plants, bases, settings, keys))
+    good = _is_good(x)
+    plant = np.broadcast_to(np.arange(len(bases), dtype=np.int32)[:, None, None], u.shape)
+    x, u, plant = (each[good].reshape(-1, *each.shape[3:]) for each in (x, u, plant))
+    return Dataset(x, u, plant, np.ones(len(u), np.float32))
+
+
+def _is_good(x: Float[np.ndarray, "plants runs rows 4"]) -> Bool[np.ndarray, "plants runs"]:
+    """Which runs teach."""
+    good: Bool[np.ndarray, "plants runs"] = np.isfinite(x).all((2, 3)) & (np.abs(x[..., 2:]).max((2, 3)) < SPOILT)
+    return good
 
 
 def _hanging_still(
@@ -138,35 +163,76 @@ def _runs(
     keys: Any,
 ) -> tuple[Array, Array, Array]:
     """States, the teachers' torques and the distances from the swing-ups, of every ``KEPT``-th step."""
-    joint, steps = recovery.robot.joint, round(settings.duration / DT)
-    driven = jnp.array(recovery.robot.actuation, jnp.float32)
+    joint, driven = recovery.robot.joint, jnp.array(recovery.robot.actuation, jnp.float32)
 
     def run(teacher: Teachers, thrown_at: State, thrown: Flag, acts: Flag, key: Key) -> Any:
         rough_key, start_key, slow_key, noise_key = jax.random.split(key, 4)
         rough = jax.random.uniform(rough_key) ** 1.5
         x0 = jnp.where(thrown, thrown_at, _near_swingup(teacher, rough, start_key))
-        # In two of five runs the plant is known at once.
-        known_after = settings.slowest * jnp.clip(jax.random.uniform(slow_key, minval=-0.7), 0.0)
 
-        def step(carry: tuple[State, Array], each: tuple[Scalar, Array]) -> Any:
-            (x, drift), (time, kick) = carry, each
-            drift = 0.98 * drift + 0.1 * rough * kick
+        def act(x: State, base: Array) -> tuple[Scalar, Any]:
             u, distance = taught(teacher, recovery, settings.tube, x)
-            known = jnp.clip(time / jnp.maximum(known_after, DT), 0, 1)
-            base = teacher.nominal + known * (teacher.base - teacher.nominal)
-            own = student.control(None, time, x, base)[1][joint]
-            # The noise ends before the run does: it should come to rest.
-            noise = settings.noise * drift * (time < 0.6 * steps * DT)
-            torque = jnp.where(acts, own, u) * driven + noise
-            return (rk4_steps(teacher.plant, x, torque, DT, 1), drift), (x, u, distance)
+            own = student.control(None, jnp.zeros(()), x, base)[1][joint]
+            return jnp.where(acts, own, u), (x, u, distance)
 
-        times, kicks = jnp.arange(steps) * jnp.float32(DT), jax.random.normal(noise_key, (steps, 2))
-        rows = jax.lax.scan(step, (x0, jnp.zeros(2)), (times, kicks))[1]
-        return jax.tree.map(lambda row: row[::KEPT], rows)
+        ends = teacher.nominal, teacher.base
+        return _noisy_run(act, teacher.plant, ends, x0, rough, settings, driven, slow_key, noise_key)
 
     on_a_plant = jax.vmap(run, in_axes=(None, 0, 0, 0, 0))
     found: tuple[Array, Array, Array] = jax.vmap(on_a_plant)(teachers, thrown_at, thrown, acts, keys)
     return found
+
+
+@jax.jit(static_argnames="settings")
+def _own_runs(
+    student: PolicyController, plants: Plant, bases: Array, settings: DistillationSettings, keys: Any
+) -> tuple[Array, Array]:
+    """States and the policy's torques when told the plant, of every ``KEPT``-th step of swing-ups."""
+    joint, driven = student.robot.joint, jnp.array(student.robot.actuation, jnp.float32)
+
+    def run(plant: Plant, base: Array, key: Key) -> Any:
+        rough_key, start_key, slow_key, noise_key = jax.random.split(key, 4)
+        rough = jax.random.uniform(rough_key) ** 1.5
+        x0 = 0.3 * rough * jnp.array(ROUGH, jnp.float32) * jax.random.normal(start_key, (4,))
+
+        def act(x: State, known: Array) -> tuple[Scalar, Any]:
+            u, told = (student.control(None, jnp.zeros(()), x, each)[1][joint] for each in (known, base))
+            return u, (x, told)
+
+        return _noisy_run(act, plant, (bases[-1], base), x0, rough, settings, driven, slow_key, noise_key)
+
+    found: tuple[Array, Array] = jax.vmap(jax.vmap(run, in_axes=(None, None, 0)))(plants, bases, keys)
+    return found
+
+
+def _noisy_run(
+    act: Callable[[State, Array], tuple[Scalar, Any]],
+    plant: Plant,
+    ends: tuple[Array, Array],
+    x0: State,
+    rough: Scalar,
+    settings: DistillationSettings,
+    driven: Array,
+    slow_key: Key,
+    noise_key: Key,
+) -> Any:
+    """What ``act`` notes in every ``KEPT``-th step; the θ that it is told goes from one end to the other."""
+    steps = round(settings.duration / DT)
+    # In two of five runs the plant is known at once.
+    known_after = settings.slowest * jnp.clip(jax.random.uniform(slow_key, minval=-0.7), 0.0)
+
+    def step(carry: tuple[State, Array], each: tuple[Scalar, Array]) -> Any:
+        (x, drift), (time, kick) = carry, each
+        drift = 0.98 * drift + 0.1 * rough * kick
+        known = jnp.clip(time / jnp.maximum(known_after, DT), 0, 1)
+        u, row = act(x, ends[0] + known * (ends[1] - ends[0]))
+        # The noise ends before the run does: it should come to rest.
+        noise = settings.noise * drift * (time < 0.6 * steps * DT)
+        return (rk4_steps(plant, x, u * driven + noise, DT, 1), drift), row
+
+    times, kicks = jnp.arange(steps) * jnp.float32(DT), jax.random.normal(noise_key, (steps, 2))
+    rows = jax.lax.scan(step, (x0, jnp.zeros(2)), (times, kicks))[1]
+    return jax.tree.map(lambda row: row[::KEPT], rows)
 
 
 def _near_swingup(teacher: Teachers, rough: Scalar, key: Key) -> State:

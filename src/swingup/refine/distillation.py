@@ -6,6 +6,8 @@ plant's swing-up or where a throw leaves the pendulum, under noise of the torque
 the nominal plant at first and its own only later, as behind an identifier. At the end the gradient of the score
 through whole swing-ups of the nominal plant is added, and if settings ask, of recoveries on the plants.
 
+A policy that has learnt so can be taken on by its own torques and that gradient alone (:func:`recover`).
+
 A student may learn from schools about several nominal plants, as of several designs. Its gear, score and recoveries
 are those of the first.
 """
@@ -26,12 +28,14 @@ from jaxtyping import Array, Float, Int
 from ..areapo.initial import init_actor
 from ..areapo.networks import Actor
 from ..common.types import Key, Scalar, State
+from ..controllers.baselines.continuation import plant_lqr
 from ..controllers.stack.controller import PolicyController, plant_of
 from ..controllers.stack.policy import Policy
 from ..plant.base_parameters import BASE, base_parameters
+from ..plant.plant import NAMES, Plant
 from ..tasks.observation import PendulumStage, PlantStage
-from .analytic_policy_gradient import PolicyGradientSettings, batch_cost, with_actor
-from .dataset import Dataset, dagger_rollouts, swings_up, uniform_states
+from .analytic_policy_gradient import PolicyGradientSettings, batch_cost, single_precision, with_actor
+from .dataset import Dataset, dagger_rollouts, own_runs, swings_up, uniform_states
 from .distillation_settings import DistillationSettings, plant_scale
 from .recoveries import Recoveries, make_recoveries, recovery_cost
 from .teacher import School
@@ -42,6 +46,8 @@ UP_SHARE = 0.1
 """Share of an episode in which the tip is up, from about which on its score counts."""
 PARTS = 40
 """Calls in which steps are taken; progress is told between them."""
+KEEP = 8
+"""The student is kept after so many of them."""
 CLIP = 3.0
 """Most of a base parameter that the network sees, in its units: the ends of what several schools teach."""
 INERTIAL = slice(0, 4)
@@ -85,18 +91,60 @@ def distil(
         told = partial(progress, f"lessons {number} of {settings.rounds}")
         student = descend(student, bases, dataset, settings, _key(random), steps, optimiser, told)
         tell(student, number)
-    if steps := settings.score_steps:
-        schedule = optax.warmup_cosine_decay_schedule(0.0, settings.score_rate, steps // 8, steps)
-        # Gradients through the pendulum are bounded.
-        optimiser = optax.chain(optax.clip_by_global_norm(2.0), optax.adam(schedule))
+    if settings.score_steps:
         first = schools[0].teachers
-        ends = (
-            PolicyGradientSettings(duration=settings.score_duration),
-            make_recoveries(student, first, settings, random) if settings.recovery_episodes else None,
-        )
-        told, key = partial(progress, "score"), _key(random)
-        student = descend(student, bases, dataset, settings, key, steps, optimiser, told, *ends)
+        of = first.plant, first.base, first.cost_to_go[-1]
+        student = _scored(student, bases, dataset, settings, of, random, partial(progress, "score"))
         tell(student, settings.rounds + 1)
+    return _in_numpy(student)
+
+
+def recover(
+    student: PolicyController,
+    plants: Plant,
+    settings: DistillationSettings,
+    random: np.random.Generator,
+    tell: Callable[[PolicyController, int], None] = lambda _, __: None,
+    progress: Progress = lambda _, __, ___: None,
+) -> PolicyController:
+    """A policy that sees its plant, better at recoveries on these plants and on its own; it is its own teacher.
+
+    The plants (leaves of shape (n,)) are in C.1's units. ``tell`` is called as it proceeds and at the end.
+    """
+    nominal = plant_of(student)
+    each = [Plant(*values) for values in zip(*(getattr(plants, name) for name in NAMES), strict=True)]
+    bases = jnp.float32(np.stack([base_parameters(plant) for plant in [*each, nominal]]))
+    plants = single_precision(jax.tree.map(np.append, plants, nominal))
+    student = single_precision(student)
+    dataset, top = own_runs(student, plants, bases, settings, random), plant_lqr(nominal, student.robot)
+    of, told = (plants, bases, jnp.float32(top.cost_to_go)), partial(progress, "recoveries")
+    student = _scored(student, bases, dataset, settings, of, random, told, lambda now: tell(_in_numpy(now), 0))
+    tell(student, 1)
+    return _in_numpy(student)
+
+
+def _scored(
+    student: PolicyController,
+    bases: Float[Array, "plants 9"],
+    dataset: Dataset,
+    settings: DistillationSettings,
+    of: tuple[Plant, Array, Array],
+    random: np.random.Generator,
+    told: Callable[[int, int], None],
+    keep: Callable[[PolicyController], None] = lambda _: None,
+) -> PolicyController:
+    """The student after the steps in which the score counts, and recoveries on plants of ``make_recoveries``."""
+    steps = settings.score_steps
+    schedule = optax.warmup_cosine_decay_schedule(0.0, settings.score_rate, steps // 8, steps)
+    # Gradients through the pendulum are bounded.
+    optimiser = optax.chain(optax.clip_by_global_norm(2.0), optax.adam(schedule))
+    episodes, wanted = PolicyGradientSettings(duration=settings.score_duration), settings.recoveries
+    recoveries = None if wanted is None else make_recoveries(student, *of, wanted, random)
+    key = _key(random)
+    return descend(student, bases, dataset, settings, key, steps, optimiser, told, episodes, recoveries, keep)
+
+
+def _in_numpy(student: PolicyController) -> PolicyController:
     return eqx.tree_at(lambda c: c.policy, student, jax.tree.map(np.asarray, student.policy))
 
 
@@ -146,18 +194,22 @@ def descend(
     told: Callable[[int, int], None],
     episodes: PolicyGradientSettings | None = None,
     recoveries: Recoveries | None = None,
+    keep: Callable[[PolicyController], None] = lambda _: None,
 ) -> PolicyController:
     """The student after steps on the squared errors of the torque, a part of them in each compiled call.
 
     Where there are ``episodes``, the score of the nominal plant's swing-ups counts as well, and ``recoveries``.
+    ``keep`` has the student now and then.
     """
     carry, keys = (student.policy.actor, optimiser.init(student.policy.actor)), jax.random.split(key, steps)
     dataset = jax.tree.map(jnp.asarray, dataset)
-    for done in range(0, steps, max(1, steps // PARTS)):
+    for number, done in enumerate(range(0, steps, max(1, steps // PARTS)), start=1):
         part = keys[done : done + max(1, steps // PARTS)]
         told(done, steps)
         carry = _steps(carry, student, bases, dataset, settings, part, optimiser, episodes, recoveries)
         jax.block_until_ready(carry)
+        if number % KEEP == 0:
+            keep(with_actor(student, carry[0]))
     told(steps, steps)
     return with_actor(student, carry[0])
 
@@ -195,8 +247,8 @@ def _steps(
         shape = s.score_episodes, 4
         x0 = SPREAD * jax.random.uniform(size_key, (shape[0], 1)) * jax.random.normal(start_key, shape)
         measures = batch_cost(actor, others, x0, episodes, plant)[1]
-        if recoveries is not None:
-            total += recovery_cost(with_actor(others, actor), recoveries, s, recovery_key)
+        if recoveries is not None and s.recoveries is not None:
+            total += recovery_cost(with_actor(others, actor), recoveries, s.recoveries, recovery_key)
         # As on the board: without a swing-up there is no score. Hanging still would have the best one.
         return total - s.score_weight * jnp.mean(measures.score * jnp.tanh((1 - measures.down) / UP_SHARE))
 

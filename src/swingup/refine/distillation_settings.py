@@ -10,6 +10,30 @@ from .plant_draws import GEAR, PlantDraws
 
 
 @dataclass(frozen=True)
+class RecoverySettings:
+    """Recoveries whose cost ends a distillation, and how many of them begin where: shares of their sum."""
+
+    episodes: int = 48
+    """In each step."""
+    duration: float = 1.5
+    """Length of one (s)."""
+    thrown: float = 0.5
+    """After throws of the global-policy score."""
+    nominal: float = 0.0
+    """Part of these that is on the nominal plant."""
+    robots: float = 0.0
+    """After throws of the real robot's board: longer and weaker."""
+    top: float = 0.5
+    """Near the top, at small costs-to-go."""
+    passing: float = 0.0
+    """Passing over the top, too fast to stop there."""
+    hanging: float = 0.0
+    """Hanging."""
+    weights: EpisodeWeights = EpisodeWeights(down=3.0, away=2.0, fast=30.0)  # noqa: RUF009 - frozen
+    """Weights of the recoveries' measures, beside the squared errors of the torque (N² m²)."""
+
+
+@dataclass(frozen=True)
 class DistillationSettings:
     """The plants, the runs on them, and the supervised learning."""
 
@@ -62,14 +86,8 @@ class DistillationSettings:
     """Swing-ups of the nominal plant in each of these steps."""
     score_duration: float = 1.8
     """Length of one swing-up (s)."""
-    recovery_episodes: int = 48
-    """Recoveries on plants that the student is told, in each of these steps; 0 for none."""
-    recovery_top: float = 0.5
-    """Share of them that begin near the top, the others after throws."""
-    recovery_duration: float = 1.5
-    """Length of one recovery (s)."""
-    recovery_weights: EpisodeWeights = EpisodeWeights(down=3.0, away=2.0, fast=30.0)  # noqa: RUF009 - frozen
-    """Weights of the recoveries' measures, beside the squared errors of the torque (N² m²)."""
+    recoveries: RecoverySettings | None = RecoverySettings()
+    """Recoveries on plants that the student is told, in each of these steps; None for none."""
 
 
 def plant_scale(nominal: np.ndarray, gear: float = GEAR) -> np.ndarray:

@@ -12,6 +12,7 @@ from ..benchmark.criteria import realai_score
 from ..benchmark.rollout import Trajectory
 from ..benchmark.swing_up_board import SwingUpBoard
 from ..common.types import Scalar, State
+from ..dynamics.angles import UPRIGHT
 from ..dynamics.dynamics import tip_height
 from ..plant.plant import Plant
 from ..tasks.recovery import UP_LINE_WIDTH
@@ -22,6 +23,8 @@ SPEED_OF_A_RADIAN = 4.0
 """The velocity that counts as much as an error of one radian (rad/s)."""
 FAST = 14.0
 """The velocity from which on a joint is fast (rad/s). Loops of real robots stop at 20."""
+WOUND = 2.0
+"""Half turns from upright from which on a joint is wound. Loops of real robots stop at 3.5 or 4 from hanging."""
 
 
 class Measures(eqx.Module):
@@ -35,6 +38,8 @@ class Measures(eqx.Module):
     """Mean distance from the goal, from 0 to 1. Half of it saturates outside the goal's neighbourhood."""
     fast: Scalar
     """Mean over the rows of the joints' squared velocities above ``FAST``, in units of it."""
+    wound: Scalar
+    """Mean sum of squares of the joints' half turns from upright beyond ``WOUND``."""
 
 
 def measure_episode(trajectory: Trajectory, parameters: Plant, dt: float, rules: SwingUpBoard) -> Measures:
@@ -56,7 +61,9 @@ def measure_episode(trajectory: Trajectory, parameters: Plant, dt: float, rules:
     }
     score = realai_score(costs, rules.normalisers, jnp.tanh)
     above = jax.nn.relu(jnp.abs(x[:, 2:]) / FAST - 1)
-    return Measures(score, down / (dt * len(x)), jnp.mean(jax.vmap(_away)(x)), jnp.mean(jnp.sum(above**2, axis=1)))
+    turns = jax.nn.relu(jnp.abs(x[:, :2] - jnp.asarray(UPRIGHT[:2], x.dtype)) / jnp.pi - WOUND)
+    away, fast = jnp.mean(jax.vmap(_away)(x)), jnp.mean(jnp.sum(above**2, axis=1))
+    return Measures(score, down / (dt * len(x)), away, fast, jnp.mean(jnp.sum(turns**2, axis=1)))
 
 
 def _away(x: State) -> Scalar:
@@ -69,17 +76,18 @@ def _away(x: State) -> Scalar:
 
 @dataclass(frozen=True)
 class EpisodeWeights:
-    """Weights of an episode's measures. ``down``, ``away`` and ``fast`` add to the cost, ``score`` lowers it."""
+    """Weights of an episode's measures. ``score`` lowers the cost, the others add to it."""
 
     score: float = 0.0
     down: float = 0.0
     away: float = 0.0
     fast: float = 0.0
+    wound: float = 0.0
 
     def cost(self, measures: Measures) -> Scalar:
         """The cost that the gradient steps minimise."""
         bad = self.down * measures.down + self.away * measures.away + self.fast * measures.fast
-        return bad - self.score * measures.score
+        return bad + self.wound * measures.wound - self.score * measures.score
 
 
 @functools.partial(jax.custom_vjp, nondiff_argnums=(1,))

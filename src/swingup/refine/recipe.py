@@ -28,11 +28,11 @@ from ..policy.plant_facts import plant_difference, policy_plant
 from ..policy.regulator.settings import RegulatorSettings
 from ..policy.shipped import ADAPTIVE, load_policy
 from .analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings, with_actor
-from .distillation import Progress, distil
-from .distillation_settings import DistillationSettings
+from .distillation import Progress, distil, recover
+from .distillation_settings import DistillationSettings, RecoverySettings
 from .episodes import EpisodeSettings, sample_episodes
 from .objective import EpisodeWeights
-from .plant_draws import RECORDED, behind_motor, draw_plants
+from .plant_draws import RECORDED, PlantDraws, behind_motor, draw_plants
 from .teacher import make_school
 
 _LOGGER = logging.getLogger(__name__)
@@ -48,16 +48,44 @@ class GradientStage:
 
 RecipeStage = GradientStage | DistillationSettings
 
-ADAPT = "adapt"
-"""The recipe that makes a policy which sees its plant."""
+RECOVER, ADAPT = "recover", "adapt"
+"""Recipes; the second makes a policy which sees its plant."""
 CALM = PolicyGradientSettings(weights=EpisodeWeights(down=1.0, away=0.2, fast=4.0))
 """Recoveries below the speeds at which loops of real robots stop."""
 RECIPES: dict[str, tuple[RecipeStage, ...]] = {
-    "recover": (GradientStage(),),
+    RECOVER: (GradientStage(),),
     ADAPT: (GradientStage(CALM), DistillationSettings()),
 }
 """``recover``: be up again soon after throws. ``adapt``: recover calmly, then see the plant and swing up any of
 many."""
+RECOVER_ON_MANY = DistillationSettings(
+    draws=PlantDraws(single=80, joint=80, friction=60, robot=500),
+    rounds=0,
+    runs=3,
+    batch=1024,
+    anywhere=0,
+    anywhere_batch=0,
+    score_steps=1500,
+    score_weight=6.0,
+    score_episodes=4,
+    recoveries=RecoverySettings(
+        episodes=96,
+        duration=2.0,
+        thrown=0.45,
+        nominal=0.8,
+        robots=0.3,
+        top=0.0,
+        passing=0.1,
+        hanging=0.15,
+        weights=EpisodeWeights(down=3.0, away=2.0, fast=30.0, wound=2.0),
+    ),
+)
+"""``recover`` for a policy that sees its plant: no teachers, so no rounds, and no lessons from anywhere."""
+
+
+def stages_of(recipe: str, controller: PolicyController) -> tuple[RecipeStage, ...]:
+    """A recipe's stages for a policy."""
+    return (RECOVER_ON_MANY,) if recipe == RECOVER and controller.policy.sees_plant else RECIPES[recipe]
 
 
 HAND_OVER = {
@@ -124,10 +152,12 @@ def run_recipe(
             policy or plant.
     """
     if controller.policy.sees_plant and any(not isinstance(stage, DistillationSettings) for stage in stages):
-        raise SwingupError("the policy sees its plant, which only the recipe adapt trains: give the one before it")
+        raise SwingupError(
+            "the policy sees its plant, and gradient steps on a single one would blind it: recover it"
+        )
     sees = any(isinstance(stage, DistillationSettings) for stage in stages)
     if sees and plant != LEADERBOARD:
-        raise SwingupError("the recipe adapt draws its plants: give a domain, not a plant")
+        raise SwingupError("plants are drawn for a policy that sees its plant: give a domain, not a plant")
     around = load_domain(domain or RECORDED) if not isinstance(domain, Domain) else domain
     start, found = time.perf_counter(), first_plant(around, robot) if sees else load_plant(plant)
     if found == LEADERBOARD and not sees:
@@ -161,6 +191,9 @@ def run_recipe(
             tell(_checked(now), done, of, {})
 
         targets = draw_plants(random, robot, stage.draws, similar, around)
+        if not stage.rounds:
+            controller = recover(controller, targets, stage, random, tell_round, progress)
+            continue
         school = make_school(controller, targets, stage.nominal, partial(progress, "swing-ups"))
         controller = distil([school], stage, random, tell_round, progress)
     return on_plant(controller, facts)

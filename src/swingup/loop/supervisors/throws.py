@@ -115,12 +115,12 @@ def throwing_torque(
 
 
 def thrown_states(
-    random: np.random.Generator, plant: Plant, number: int, steps: int = 100
+    random: np.random.Generator, plant: Plant, number: int, thrower: Thrower = THROWER, duration: float = 0.2
 ) -> Float[np.ndarray, "number 4"]:
     """States after throws of an upright pendulum, from which a controller has to recover; in the plant's own units.
 
     It is the similar pendulum that is thrown: the periods of the PID and of the loop scale here, too. A throw lasts
-    so many steps of the loop, in the time of design C.1.
+    for ``duration`` (s), in the time of design C.1.
     """
     scales = scales_of(plant)
     similar = similar_plant(plant, scales)
@@ -131,7 +131,8 @@ def thrown_states(
     # Any last error: the throw before it aimed elsewhere, so that the first derivative saturates.
     targets, last = random.uniform(-np.pi, np.pi, (number, 2)), random.uniform(-6.0, 6.0, (number, 2))
     starts = jnp.asarray(targets), jnp.asarray(last), jnp.asarray(x0)
-    thrown = np.asarray(_thrown(THROWER, similar, *starts, steps, stable_substeps(similar, LOOP_DT)))
+    steps = round(duration / LOOP_DT)
+    thrown = np.asarray(_thrown(thrower, similar, *starts, steps, stable_substeps(similar, LOOP_DT)))
     return np.asarray(scales.scaled(thrown, *STATE))
 
 
