@@ -153,7 +153,7 @@ def run_recipe(
     """
     if controller.policy.sees_plant and any(not isinstance(stage, DistillationSettings) for stage in stages):
         raise SwingupError(
-            "the policy sees its plant, and gradient steps on a single one would blind it: recover it"
+            "the policy sees its plant, and gradient steps on a single one would blind it: take RECOVER_ON_MANY"
         )
     sees = any(isinstance(stage, DistillationSettings) for stage in stages)
     if sees and plant != LEADERBOARD:
