@@ -93,8 +93,9 @@ def distil(
         tell(student, number)
     if settings.score_steps:
         first = schools[0].teachers
-        of = first.plant, first.base, first.cost_to_go[-1]
-        student = _scored(student, bases, dataset, settings, of, random, partial(progress, "score"))
+        plants = first.plant, first.base, first.cost_to_go[-1]
+        recoveries = make_recoveries(student, *plants, settings.recoveries, random)
+        student = _scored(student, bases, dataset, settings, recoveries, random, partial(progress, "score"))
         tell(student, settings.rounds + 1)
     return _in_numpy(student)
 
@@ -117,8 +118,9 @@ def recover(
     plants = single_precision(jax.tree.map(np.append, plants, nominal))
     student = single_precision(student)
     dataset, top = own_runs(student, plants, bases, settings, random), plant_lqr(nominal, student.robot)
-    of, told = (plants, bases, jnp.float32(top.cost_to_go)), partial(progress, "recoveries")
-    student = _scored(student, bases, dataset, settings, of, random, told, lambda now: tell(_in_numpy(now), 0))
+    recoveries = make_recoveries(student, plants, bases, jnp.float32(top.cost_to_go), settings.recoveries, random)
+    told, keep = partial(progress, "recoveries"), lambda now: tell(_in_numpy(now), 0)
+    student = _scored(student, bases, dataset, settings, recoveries, random, told, keep)
     tell(student, 1)
     return _in_numpy(student)
 
@@ -128,19 +130,17 @@ def _scored(
     bases: Float[Array, "plants 9"],
     dataset: Dataset,
     settings: DistillationSettings,
-    of: tuple[Plant, Array, Array],
+    recoveries: Recoveries | None,
     random: np.random.Generator,
     told: Callable[[int, int], None],
     keep: Callable[[PolicyController], None] = lambda _: None,
 ) -> PolicyController:
-    """The student after the steps in which the score counts, and recoveries on plants of ``make_recoveries``."""
+    """The student after the steps in which the score counts, and recoveries if there are any."""
     steps = settings.score_steps
     schedule = optax.warmup_cosine_decay_schedule(0.0, settings.score_rate, steps // 8, steps)
     # Gradients through the pendulum are bounded.
     optimiser = optax.chain(optax.clip_by_global_norm(2.0), optax.adam(schedule))
-    episodes, wanted = PolicyGradientSettings(duration=settings.score_duration), settings.recoveries
-    recoveries = None if wanted is None else make_recoveries(student, *of, wanted, random)
-    key = _key(random)
+    episodes, key = PolicyGradientSettings(duration=settings.score_duration), _key(random)
     return descend(student, bases, dataset, settings, key, steps, optimiser, told, episodes, recoveries, keep)
 
 

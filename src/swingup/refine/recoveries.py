@@ -45,10 +45,12 @@ def make_recoveries(
     plant: Plant,
     base: Float[Array, "plants 9"],
     cost_to_go: Float[Array, "4 4"],
-    settings: RecoverySettings,
+    settings: RecoverySettings | None,
     random: np.random.Generator,
-) -> Recoveries:
+) -> Recoveries | None:
     """Recoveries on plants with these base parameters; the last, the nominal one, has this LQR's cost-to-go."""
+    if settings is None:
+        return None
     s = settings
     shares = np.array([s.thrown * s.nominal, s.thrown * (1 - s.nominal), s.robots, s.top, s.passing, s.hanging])
     ends = np.round(STARTS * np.cumsum(shares) / shares.sum()).astype(int)
