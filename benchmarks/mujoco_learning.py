@@ -5,8 +5,7 @@ Usage: python benchmarks/mujoco_learning.py [ID ...] [--frames 1000000] [--seeds
 
 Needs swingup[mujoco], and stable-baselines3 for the peers. sb3-ppo has the peer's own defaults, but its 2,048
 frames of a rollout come from 8 environments of 256 steps. sb3-zoo has RL Baselines3 Zoo's settings
-(`peer_settings.py`). Both have VecNormalize, since ours normalises observations as well. areapo-cost-10 and its
-like are ours with a fixed reset cost, in units of the reward.
+(`peer_settings.py`). Both have VecNormalize, since ours normalises observations as well.
 
 Finished runs are lines of the study's file and are not repeated: frames, seconds, and of ten deterministic episodes
 of the plain environment the mean return, the reward rate and the resets per 1,000 steps. A reset is a termination
@@ -123,22 +122,10 @@ def watching(falls: list[bool]) -> Callable[[dict[str, Any], dict[str, Any]], No
     return note
 
 
-def with_fixed_cost(cost: float) -> Callable[[str, int, int], Iterator[Point]]:
-    """Ours, with a fixed reset cost in units of the reward."""
-
-    def learner(task: str, seed: int, frames: int) -> Iterator[Point]:
-        fixed = {"reset_cost": cost, "terminations": "reset_cost"}
-        yield from trained_areapo(task, seed, frames, "mujoco", **fixed)
-
-    return learner
-
-
-LEARNERS = {"areapo": areapo, "sb3-ppo": sb3_ppo, "sb3-zoo": sb3_zoo} | {
-    f"areapo-cost-{cost:.0f}": with_fixed_cost(cost) for cost in (1.0, 10.0, 100.0)
-}
+LEARNERS = {"areapo": areapo, "sb3-ppo": sb3_ppo, "sb3-zoo": sb3_zoo}
 USUAL = ("areapo", "sb3-ppo")
 LABELS = {"areapo": "AR-EAPO (swingup)", "sb3-ppo": "PPO (Stable-Baselines3)", "sb3-zoo": "PPO (RL Baselines3 Zoo)"}
-"""Labels of the picture's lines, by learner; the others have their names."""
+"""Labels of the picture's lines, by learner."""
 
 
 def run(learner: str, task: str, seed: int, frames: int) -> list[Point]:
@@ -171,7 +158,7 @@ def plot(path: Path, study: Study, tasks: Sequence[str], learners: Sequence[str]
     panels, labels = {}, []
     for name, (label, _) in MEASURES.items():
         for task in tasks:
-            lines = {LABELS.get(each, each): measured(study.of(task, each), name) for each in learners}
+            lines = {LABELS[each]: measured(study.of(task, each), name) for each in learners}
             if name == "scores" or any(any(curve["scores"]) for curves in lines.values() for curve in curves):
                 # Short: a panel is narrow, and its axis has the whole label.
                 panels[task if name == "scores" else f"{task}: {name.replace('_', ' ')}"] = lines
