@@ -48,7 +48,10 @@ def make_recoveries(
     settings: RecoverySettings | None,
     random: np.random.Generator,
 ) -> Recoveries | None:
-    """Recoveries on plants with these base parameters; the last, the nominal one, has this LQR's cost-to-go."""
+    """Recoveries on plants with these base parameters; the last, the nominal one, has this LQR's cost-to-go.
+
+    Without settings there are none.
+    """
     if settings is None:
         return None
     s = settings
