@@ -17,9 +17,10 @@ from typing import Any
 
 from mujoco_learning import ENVS, STEPS, Point, trained_areapo, trained_sb3
 from numpy.typing import ArrayLike
+from scipy.stats import bootstrap
 from study import Study, cell
 
-from swingup.benchmark.comparison import bootstrap_interval, interquartile_mean
+from swingup.benchmark.interval import interquartile_mean
 
 
 def ours(task: str, seed: int, frames: int) -> Iterator[Point]:
@@ -41,10 +42,10 @@ RETURNS = {"last evaluation": lambda scores: scores[-1], "all evaluations": fmea
 def ratio(mine: Sequence[float], theirs: Sequence[float]) -> str:
     """The ratio of the interquartile means and its interval."""
 
-    def ratio_of_means(first: ArrayLike, second: ArrayLike) -> Any:
-        return interquartile_mean(first) / interquartile_mean(second)
+    def ratio_of_means(first: ArrayLike, second: ArrayLike, axis: int | None = None) -> Any:
+        return interquartile_mean(first, axis) / interquartile_mean(second, axis)
 
-    low, high = bootstrap_interval(ratio_of_means, mine, theirs, resamples=2_000)
+    low, high = bootstrap((mine, theirs), ratio_of_means, method="percentile", rng=0).confidence_interval
     return f"{ratio_of_means(mine, theirs):.2f} ({low:.2f} to {high:.2f})"
 
 

@@ -8,9 +8,9 @@ from statistics import median
 from typing import Any, NotRequired, TypedDict
 
 import numpy as np
-from scipy.stats import ttest_ind
+from scipy.stats import bootstrap, ttest_ind
 
-from swingup.benchmark.comparison import bootstrap_interval, interquartile_mean, probability_of_improvement
+from swingup.benchmark.interval import interquartile_interval, interquartile_mean
 from swingup.common.files import write_atomically
 
 TAIL = 0.1
@@ -102,28 +102,37 @@ def cell(values: Sequence[float], digits: int = 3) -> str:
     """Interquartile mean and interval, and the number of seeds if there are fewer than three."""
     if not values:
         return "not run"
-    low, high = bootstrap_interval(interquartile_mean, values)
+    low, high = interquartile_interval(values)
     few = f", {len(values)} seeds only" if len(values) < 3 else ""
     return f"{interquartile_mean(values):.{digits}f} ({low:.{digits}f} to {high:.{digits}f}{few})"
 
 
+def share_of_wins(*tasks: np.ndarray, axis: int = -1) -> Any:
+    """Share of pairs of runs in which ours scores higher, a tie as half: the mean over the tasks.
+
+    ``tasks`` are the scores of ours, task by task, then those of theirs. Source: Agarwal et al. (arXiv 2108.13264).
+    """
+    pairs = zip(tasks[: len(tasks) // 2], tasks[len(tasks) // 2 :], strict=True)
+    gaps = [np.asarray(ours)[..., :, None] - np.asarray(theirs)[..., None, :] for ours, theirs in pairs]
+    return np.mean([np.mean((np.sign(gap) + 1) / 2, (axis - 1, axis)) for gap in gaps], axis=0)
+
+
 def improvement(ours: Sequence[Sequence[float]], theirs: Sequence[Sequence[float]]) -> str:
-    """Probability of improvement over the tasks that both learners ran, with its interval and both numbers of runs.
+    """Probability of improvement over the tasks that both learners ran, with its interval and both least numbers of runs.
 
     Args:
-        ours: the runs' scores, task by task. Where tasks differ in their number of runs, the first runs count, as
-            many as the task with the fewest has.
+        ours: the runs' scores, task by task.
         theirs: likewise, the same tasks.
     """
     both = [pair for pair in zip(ours, theirs, strict=True) if all(pair)]
     if not both:
         return "not run"
-    mine, peers = (
-        np.array([task[: min(map(len, tasks))] for task in tasks]).T for tasks in zip(*both, strict=True)
-    )
-    low, high = bootstrap_interval(probability_of_improvement, mine, peers)
-    runs = f"{len(mine)} and {len(peers)} runs of {len(both)} tasks"
-    return f"{probability_of_improvement(mine, peers):.2f} ({low:.2f} to {high:.2f}; {runs})"
+    mine, peers = zip(*both, strict=True)
+    tasks = *mine, *peers
+    low, high = bootstrap(tasks, share_of_wins, method="percentile", rng=0).confidence_interval
+    fewest = [min(map(len, side)) for side in (mine, peers)]
+    runs = f"at least {fewest[0]} and {fewest[1]} runs of {len(both)} tasks"
+    return f"{share_of_wins(*tasks):.2f} ({low:.2f} to {high:.2f}; {runs})"
 
 
 def verdict(whole: Sequence[float], without: Sequence[float], relevant: float) -> str:

@@ -18,12 +18,6 @@ from refusals import refusal
 from swingup import AREAPO, identify, judge, loop_controller, search
 from swingup.areapo.config import Config
 from swingup.benchmark.boards import ROBUSTNESS
-from swingup.benchmark.comparison import (
-    bootstrap_interval,
-    interquartile_mean,
-    performance_profile,
-    probability_of_improvement,
-)
 from swingup.benchmark.disturbances import DisturbanceSettings
 from swingup.benchmark.grid import change_grid
 from swingup.benchmark.leaderboard import leaderboard
@@ -69,10 +63,6 @@ def shipped_with(**changes):
     return dataclasses.replace(policy, network=dataclasses.replace(policy.network, **changes))
 
 
-def interval(scores=(1.0,), resamples=10):
-    return bootstrap_interval(interquartile_mean, scores, resamples=resamples)
-
-
 def disturbance(**given):
     return DisturbanceSettings(**given).draw(0.002, 10.0, 0)
 
@@ -81,9 +71,8 @@ def plot(kind, files, out):
     return plot_command(kind, files, out=out)
 
 
-LEARNER, SCORES = {"env": Noisy} | TINY, [[1.0, 2.0, 3.0], [2.0, 3.0, 4.0]]
+LEARNER = {"env": Noisy} | TINY
 SETTINGS = {"robot": "acrobot", "preset": "default", "seed": 0, "seeds": 1, "evaluate_every": 64}
-TABLES = [[], [[1.0], [1.0, 2.0]], ["much"], np.zeros((2, 2, 2)), [1.0, math.nan], [None]]
 ENTRIES = {
     usually(AREAPO, **LEARNER): {
         "preset": ["best"], "learning_rat": [0.1], "sed": [1], "batch_size": [1000], "seed": [-1, "3"],
@@ -120,9 +109,6 @@ ENTRIES = {
         "torque_noise": ["0.1"], "torque_response": [math.inf],
     },
     usually(leaderboard, robot="acrobot"): {"boards": [["v9"]]},
-    interval: {"scores": TABLES, "resamples": [0]},
-    usually(probability_of_improvement, ours=SCORES, theirs=SCORES): {"theirs": [[[1.0, 2.0]], [None]]},
-    usually(performance_profile, scores=SCORES): {"thresholds": [[[0.0, 1.0]], []]},
     usually(baseline, name="lqr", robot="acrobot"): {"name": ["pid"], "robot": ["cartpole"]},
     usually(get_controller, name="tvlqr", robot="acrobot"): {
         "name": ["pid", "mine:", ":it", "..x:it", "math:pi.nothing", "a\nb:it", "\udce9:it"], "robot": ["cartpole"],
@@ -171,7 +157,6 @@ TOGETHER = {
     "m2 = -0.625568": lambda: judge(HANGING, "acrobot", change_grid(ROBUSTNESS, "m2=-1:1:3")),
     "velocity_noise = -1": lambda: judge(HANGING, "acrobot", change_grid(ROBUSTNESS, "velocity_noise=-1:1:3")),
     "unknown criterion": lambda: dataclasses.replace(ROBUSTNESS, criteria=("model", "speed")),
-    "ours has scores of 3 tasks, theirs of 2": lambda: probability_of_improvement(SCORES, [[1.0, 2.0]] * 2),
     "'ar-eapo': it has a plant of its own": lambda: get_controller("ar-eapo", "pendubot", plant="B.0"),
     "torque limit of 0": lambda: baseline("lqr", "acrobot", load_plant("B.0").changed(tl2=0.0)),
     "= 0 N m must be positive": lambda: get_task("smooth", ACROBOT, load_plant("C.1").changed(tl1=0.0, tl2=0.0)),

@@ -1,8 +1,9 @@
-"""95 % intervals of means and shares over seeds."""
+"""95 % intervals of means and shares over seeds, and the mean of the middle half of them."""
 
 import math
 from collections.abc import Sequence
 from statistics import fmean, stdev
+from typing import Any
 
 Interval = tuple[float, float]
 
@@ -21,3 +22,23 @@ def share_interval(successes: int, number: int) -> Interval:
 
     interval = binomtest(successes, number).proportion_ci(method="wilson")
     return float(interval.low), float(interval.high)
+
+
+def interquartile_mean(scores: Any, axis: int | None = None) -> Any:
+    """Mean of the middle half: a quarter, rounded down, is left out at each end.
+
+    Source: Agarwal et al., Deep RL at the edge of the statistical precipice (arXiv 2108.13264), section 4.
+    """
+    from scipy.stats import trim_mean  # imported here: slow to load
+
+    return trim_mean(scores, 0.25, axis)
+
+
+def interquartile_interval(scores: Sequence[float]) -> Interval:
+    """Percentile bootstrap interval of the interquartile mean; a single score is both ends."""
+    from scipy.stats import bootstrap  # imported here: slow to load
+
+    if len(scores) == 1:
+        return scores[0], scores[0]
+    found = bootstrap((scores,), interquartile_mean, method="percentile", rng=0).confidence_interval
+    return float(found.low), float(found.high)

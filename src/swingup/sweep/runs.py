@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ..areapo.config import check_hyperparameter, config_from_dict, format_value, parse_value
-from ..benchmark.comparison import bootstrap_interval, interquartile_mean
+from ..benchmark.interval import interquartile_interval, interquartile_mean
 from ..common.checks import is_number, one_of, whole_number
 from ..common.errors import SwingupError
 from ..common.text import one_line
@@ -157,7 +157,7 @@ def summarise(jobs: Sequence[Job], rows: Sequence[Row]) -> list[dict[str, Any]]:
         good = [row for row in mine if is_number(row.get("score"))]
         counts = {"variant": variant, "runs": len(good), "failed": len(mine) - len(good)}
         scores = [row["score"] for row in good]
-        interval = bootstrap_interval(interquartile_mean, scores).tolist() if good else [math.nan, math.nan]
+        interval = list(interquartile_interval(scores)) if good else [math.nan, math.nan]
         means = {name: _middle(good, name) for name in ("best_score", REWARD_RATE, RESETS)}
         table.append(counts | {"score": _middle(good, "score"), "interval": interval} | means)
     return table

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..areapo.config import Config, format_value, parse_value
-from ..benchmark.comparison import interquartile_mean
+from ..benchmark.interval import interquartile_mean
 from ..common.arrays import write_json
 from ..common.checks import is_number, whole_number
 from ..common.errors import SwingupError, needing
@@ -156,6 +156,8 @@ def train_trial(plan: SearchPlan, trial: "Trial") -> float:
     trial.set_user_attr("command", settings.command(plan.frames))
     for job in jobs:
         scores.append(train_one(job, report)["score"])
+    if not all(map(is_number, scores)):
+        raise SwingupError(f"scores = {scores}: every run needs one, so let it evaluate its policies")
     return float(interquartile_mean(scores))
 
 
