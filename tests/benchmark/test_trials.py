@@ -10,7 +10,7 @@ import pytest
 from swingup.benchmark.board import Case, Setting
 from swingup.benchmark.boards import BOARDS, IROS_REAL, SIM2REAL
 from swingup.benchmark.criteria import realai_score
-from swingup.benchmark.interval import share_interval
+from swingup.benchmark.interval import interquartile_interval, interquartile_mean, share_interval
 from swingup.benchmark.judge import judge
 from swingup.benchmark.recording import recorded
 from swingup.benchmark.rollout import Record, Scenario, Trajectory
@@ -203,3 +203,11 @@ def test_wilsons_interval():
     middle, reach = p + z * z / (2 * n), z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
     expected = [(middle - reach) / (1 + z * z / n), (middle + reach) / (1 + z * z / n)]
     assert share_interval(95, 100) == pytest.approx(expected)
+
+
+def test_the_middle_half():
+    # Of 0, 1, 2, 3, 4, 5, 6, 70 two are left out at each end: the mean of 2, 3, 4, 5.
+    assert interquartile_mean([[70, 1], [3, 5], [2, 0], [6, 4]]) == 3.5
+    # Three times the worst has the probability 1/27, more than 2.5 %.
+    assert interquartile_interval([1.0, 5.0, 3.0]) == (1.0, 5.0)
+    assert interquartile_interval([2.0]) == (2.0, 2.0)
