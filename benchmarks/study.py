@@ -118,7 +118,7 @@ def share_of_wins(*tasks: np.ndarray, axis: int = -1) -> Any:
 
 
 def improvement(ours: Sequence[Sequence[float]], theirs: Sequence[Sequence[float]]) -> str:
-    """Probability of improvement over the tasks that both learners ran, its interval, and the fewest runs of a task.
+    """Probability of improvement over the tasks that both learners ran, its interval, and the fewest runs.
 
     Args:
         ours: the runs' scores, task by task.
