@@ -1,5 +1,7 @@
 """Plants to learn on, drawn about the leaderboards' and the robot's: none of them is on the board's grid."""
 
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import jax
@@ -7,8 +9,9 @@ import numpy as np
 
 from ..benchmark.grid import vary
 from ..benchmark.rules import MODEL_SWEEPS, ModelSweep
+from ..common.errors import SwingupError
 from ..loop.domain import Domain, load_domain
-from ..plant.plant import LEADERBOARD, NAMES, Plant
+from ..plant.plant import LEADERBOARD, NAMES, Plant, validated
 from ..plant.robots import Robot
 from ..plant.units import TORQUE, Scales, arm_scales, similar_plant
 
@@ -67,24 +70,37 @@ def draw_plants(
     The nominal plant, in C.1's units, is what all but the robot's are about; the robot's are of the domain.
     """
     nominal, names, domain = nominal.driven(robot), list(SWEEPS), domain or load_domain(RECORDED)
-    plants = []
-    for _ in range(draws.single):
+
+    def single(_: int) -> Plant:
         sweep = SWEEPS[names[random.integers(len(names))]]
-        plants.append(vary(nominal, sweep, _anywhere(random, sweep, draws.margin)))
-    for _ in range(draws.joint):
-        plants.append(_all_off(random, nominal, draws.share))
-    for index in range(draws.friction):
+        return vary(nominal, sweep, _anywhere(random, sweep, draws.margin))
+
+    def joint(_: int) -> Plant:
+        return _all_off(random, nominal, draws.share)
+
+    def with_friction(index: int) -> Plant:
         # Friction where no motor acts is what fails most.
         name = f"{'b' if index % 3 == 2 else 'cf'}{2 - robot.joint}"
         sweep = SWEEPS[name]
         plant = nominal if index % 2 else _all_off(random, nominal, draws.friction_share)
         most = sweep.sweep.high * (1 + draws.margin)
-        plants.append(vary(plant, sweep, random.uniform(0.0, most) - getattr(plant, name)))
-    for index in range(1, draws.robot + 1):
+        return vary(plant, sweep, random.uniform(0.0, most) - getattr(plant, name))
+
+    def robots(index: int) -> Plant:
         plant = _robots(random, robot, domain, nominal, draws.robot_margin)
-        plants.append(plant if index % ROTORS else _any_rotor(random, plant))
+        return plant if (index + 1) % ROTORS else _any_rotor(random, plant)
+
+    kinds = ((single, draws.single), (joint, draws.joint), (with_friction, draws.friction), (robots, draws.robot))
+    plants = [_pendulum(kind, index) for kind, number in kinds for index in range(number)]
     stacked: Plant = jax.tree.map(lambda *values: np.array(values, np.float64), *plants)
     return stacked
+
+
+def _pendulum(kind: Callable[[int], Plant], index: int) -> Plant:
+    """The first draw of a kind that is a pendulum: with a mass matrix as nearly singular as B.0's some are none."""
+    while True:
+        with suppress(SwingupError):
+            return validated(kind(index))
 
 
 def _all_off(random: np.random.Generator, nominal: Plant, share: float) -> Plant:
