@@ -52,9 +52,6 @@ CONVENTIONS = {
     "counts": (angles(lambda q: np.round(q * 4096 / TURN)), "q1=pos_meas1:counts/4096 q2=pos_meas2:counts/4096"),
     "mN m": (torques(lambda u: 1000 * u), "u1=tau_con1:mNm u2=tau_con2:mNm"),
     "milliseconds": (lambda c: {"t": np.round(1000 * c.t)}, "time=time:ms"),
-}  # fmt: skip
-"""What was done to a log, and the words that undo it."""
-MORE_CONVENTIONS = {
     "torques swapped": (lambda c: {"u1": c.u2, "u2": c.u1}, SWAPPED),
     "folded": (lambda c: {"q2": c.q2 + PI}, "q2=pos_meas2+pi"),
     "turns, rpm": (lambda c: angles(lambda q: q / TURN)(c) | rates(lambda d: d * 60 / TURN)(c),
@@ -77,14 +74,14 @@ MORE_CONVENTIONS = {
     "angles of the motors": (angles(lambda q: 6 * q), "q1=pos_meas1:rad*0.166667 q2=pos_meas2:rad*0.166667"),
     "nanoseconds of an epoch": (lambda c: {"t": np.round(1e9 * c.t) + 1.7e18}, "time=time:ns"),
 }  # fmt: skip
-SLOW_CASES = [pytest.param(*case, marks=pytest.mark.slow, id=name) for name, case in MORE_CONVENTIONS.items()]
+"""What was done to a log, and the words that undo it; the first five are not slow."""
 
 
 @pytest.mark.parametrize(
-    ("change", "words"), [*(pytest.param(*case, id=name) for name, case in CONVENTIONS.items()), *SLOW_CASES]
+    "name", [*[*CONVENTIONS][:5], *(pytest.param(name, marks=pytest.mark.slow) for name in [*CONVENTIONS][5:])]
 )
-def test_the_option_makes_it_the_same_log(tmp_path, table, change, words):
-    path, table = tmp_path / "log.csv", table[:1300]  # 3 s
+def test_the_option_makes_it_the_same_log(tmp_path, table, name):
+    path, table, (change, words) = tmp_path / "log.csv", table[:1300], CONVENTIONS[name]  # 3 s
     np.savetxt(path, changed(table, change), delimiter=",", header=HEADER, comments="", fmt="%.20g")
     message = refusal(read_checked, path)
     found = shlex.split(message.split("--columns ")[1].split(", or take")[0])
@@ -106,40 +103,38 @@ def assert_same(found, right, steps=2e-3):
     np.testing.assert_allclose(found.time, right.time, atol=1e-6)
 
 
-def test_a_right_log_is_taken_as_it_is(tmp_path, table):
-    assert find_columns(read_recording(write(tmp_path / "log.csv", table)), SETTING, START) is None
+@pytest.fixture
+def found_in(tmp_path):
+    """The convention that a table has instead of ours."""
+    return lambda *given: find_columns(read_recording(write(tmp_path / "log.csv", *given)), SETTING, START)
 
 
-def test_a_unit_without_a_name_has_its_size(tmp_path, table):
-    percent = read_recording(write(tmp_path / "log.csv", changed(table, torques(lambda u: u / 0.06))))
-    found = find_columns(percent, SETTING, START)
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_a_right_log_is_taken_as_it_is_and_noise_is_no_convention(found_in, table, noise):
+    drawn = np.random.default_rng(0).normal(0.0, noise, (2, len(table)))
+    assert found_in(changed(table, lambda c: {"q1": c.q1 + drawn[0], "q2": c.q2 + drawn[1]})) is None
+
+
+def test_a_unit_without_a_name_has_its_size(found_in, table):
+    found = found_in(changed(table, torques(lambda u: u / 0.06)))
     assert "a unit of 0.05" in found.text
     sizes = [float(word.partition(":Nm*")[2]) for word in found.remedy]
     assert sizes == pytest.approx([0.06, 0.06], rel=0.1)  # the masses are some percent from those of C.1
 
 
-def test_a_title_may_have_the_wrong_unit(tmp_path, table):
-    titles = HEADER.replace("vel_meas1", "vel_meas1 [rpm]").replace("vel_meas2", "vel_meas2 [rpm]")
-    found = find_columns(read_recording(write(tmp_path / "log.csv", table, titles)), SETTING, START)
+def test_a_title_may_have_the_wrong_unit(found_in, table):
+    found = found_in(table, HEADER.replace("vel_meas1,vel_meas2", "vel_meas1 [rpm],vel_meas2 [rpm]"))
     assert found.remedy == ("dq1=vel_meas1:rad/s", "dq2=vel_meas2:rad/s")
 
 
-def test_noise_is_no_convention(tmp_path, table):
-    noise = np.random.default_rng(0).normal(0.0, 0.01, (len(table), 2))
-    noisy = changed(table, lambda c: {"q1": c.q1 + noise[:, 0], "q2": c.q2 + noise[:, 1]})
-    assert find_columns(read_recording(write(tmp_path / "log.csv", noisy)), SETTING, START) is None
-
-
-def test_a_log_without_its_torques_is_no_free_fall(tmp_path, table):
-    recording = read_recording(write(tmp_path / "log.csv", table[:, :5], ",".join(NAMES[:5])))
-    assert "torques that are not in the log act" in find_columns(recording, SETTING, START).text
+def test_a_log_without_its_torques_is_no_free_fall(found_in, table):
+    assert "torques that are not in the log act" in found_in(table[:, :5], ",".join(NAMES[:5])).text
 
 
 def test_what_is_refused_can_be_forced(tmp_path, table):
-    recording = read_recording(write(tmp_path / "log.csv", changed(table, lambda c: {"u1": c.u2, "u2": c.u1})))
-    (note,) = check_columns(recording, SETTING, START, force=True)
+    swapped = changed(table, lambda c: {"u1": c.u2, "u2": c.u1})
+    (note,) = check_columns(read_recording(write(tmp_path / "log.csv", swapped)), SETTING, START, force=True)
     assert "look swapped" in note
-    assert note.endswith("taken as it is")
 
 
 def as_text(separator=",", decimal=".", names=NAMES, above=(), below=(), encoding="utf-8"):
@@ -203,10 +198,8 @@ def test_files_of_other_programs(tmp_path, table, name):
         message = refusal(read_recording, path)
         found = shlex.split(message.split("--columns ")[1].split(", if these")[0].split(" if joint")[0])
         assert found == words.split("|" if "|" in words else " ")
-    right = read_recording(
-        write(tmp_path / "right.csv", table * ([1, 1, 1, 1, 1, 1, 0] if name == "one torque" else 1))
-    )
-    assert_same(read_recording(path, columns=found), right, steps=1e-9)
+    right = write(tmp_path / "right.csv", table * [*6 * [1], name != "one torque"])
+    assert_same(read_recording(path, columns=found), read_recording(right), steps=1e-9)
 
 
 def test_what_is_missing_is_said(tmp_path, table):
@@ -251,6 +244,8 @@ ROWS = {
     "episodes": (lambda table: np.column_stack([table[:, 0], np.roll(table[:, 1:], 900, axis=0)]), "jump 1 times"),
     "160 Hz, a gap": (jittered, "time jumps by 2"),
     "20 Hz": (lambda table: table[::23], "below 33 Hz parameters come out wrong"),
+    "no torques": (put(ALL, slice(5, 7), 0.0), "torques are all zero"),
+    "one torque at its limit": (put(ALL, 5, lambda table: np.sign(table[:, 5])), "torque 1 stands at ±1 N m in"),
 }  # fmt: skip
 """Rows that a log may have, and what is said of them."""
 

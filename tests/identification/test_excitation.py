@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 import pytest
-from synthetic import step
+from synthetic import QUANTUM, step
 
 from refusals import refusal
 from swingup.cli import main, pendulums
@@ -170,18 +170,14 @@ def test_the_plants_own_limit_counts():
     assert search._limits(domains[0], "both", 20.0, None, 3.0).torque == (20.0, 20.0)
 
 
-QUANTUM = 3.81e-4
-
-
 @pytest.mark.slow
 def test_an_excitation_lets_identify_find_a_plant_of_the_prior(tmp_path):
-    plant = load_plant("C.1")
-    prior = prior_around(plant)
+    prior = prior_around(C1)
     excitation = search.excite(prior, duration=6.0, seed=1)
     truth = draw_models(prior, 4, 123)[3:]
     limits = np.array(excitation.limits.torque)
     play = Sequences(excitation.torque[None], excitation.state[None], excitation.feedback, limits)
-    motion = simulate(integration_of(plant), truth, play, keep=True)
+    motion = simulate(integration_of(C1), truth, play, keep=True)
     q = QUANTUM * np.round(motion.states[0, 0, :, :2] / QUANTUM)
     columns = {"time": excitation.time, "pos_meas1": q[:, 0], "pos_meas2": q[:, 1]}
     columns |= {f"tau_con{joint + 1}": motion.torque[0, 0, :, joint] for joint in (0, 1)}

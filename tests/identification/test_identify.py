@@ -29,6 +29,7 @@ def expected_of(plant):
 
 
 EXPECTED = expected_of(TRUTH)
+RATIO = "(m2 r2) / (m1 r1 + m2 l1)"
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -104,12 +105,9 @@ def test_a_free_fall_determines_ratios_alone(tmp_path):
         write(tmp_path / f"{k}.csv", simulate(6.0, k, (0.0, 0.0), start))
         for k, start in enumerate([(2.5, 1.0, 0.0, 0.0), (-1.5, 2.0, 0.0, 0.0)])
     ]
-    found = swingup.identify(logs)
-    sure = found.estimates.determined
-    assert not any(sure[name] for name in BASE)
-    assert sure["(m2 r2) / (m1 r1 + m2 l1)"]
-    ratio = found.estimates.values["(m2 r2) / (m1 r1 + m2 l1)"]
-    assert ratio == pytest.approx(EXPECTED["m2 r2"] / EXPECTED["m1 r1 + m2 l1"], rel=0.01)
+    found = swingup.identify(logs).estimates
+    assert [name for name in (*BASE, RATIO) if found.determined[name]] == [RATIO]
+    assert found.values[RATIO] == pytest.approx(EXPECTED["m2 r2"] / EXPECTED["m1 r1 + m2 l1"], rel=0.01)
     # One known value gives the scale of all.
     known = swingup.identify(logs, known={"m2r2": float(EXPECTED["m2 r2"])})
     assert known.estimates.values["I2"] == pytest.approx(EXPECTED["I2"], rel=0.02)
@@ -118,8 +116,7 @@ def test_a_free_fall_determines_ratios_alone(tmp_path):
 @pytest.mark.slow
 def test_a_second_session_has_its_own_torque_gain(tmp_path, logs):
     weak = simulate(6.0, 5)
-    # The motors of the second session deliver 0.8 of what the log says.
-    weak[:, 5:] /= 0.8
+    weak[:, 5:] /= 0.8  # the motors deliver 0.8 of what the log says
     found = swingup.identify([*logs, write(tmp_path / "weak.csv", weak)], sessions=["a", "a", "b"])
     assert found.estimates.values["torque gain @2"] == pytest.approx(0.8, rel=0.01)
     assert found.estimates.values["m2 r2"] == pytest.approx(EXPECTED["m2 r2"], rel=0.01)
@@ -147,11 +144,8 @@ def test_a_known_gain_is_that_of_both_motors():
 def test_columns_of_another_sign_are_named(tmp_path, logs):
     assert "unknown known value 'mass'" in refusal(swingup.identify, logs[:1], known={"mass": 1.0})
     assert "2 sessions for 1 logs" in refusal(swingup.identify, logs[:1], sessions=["a", "b"])
-    table = np.loadtxt(logs[0], delimiter=",", skiprows=1)
-    table[:, 5:] *= -1
-    wrong = write(tmp_path / "wrong.csv", table)
-    message = refusal(swingup.identify, [wrong])
-    assert "both torques look reversed" in message
+    table = np.loadtxt(logs[0], delimiter=",", skiprows=1) * [*5 * [1], -1, -1]
+    message = refusal(swingup.identify, [write(tmp_path / "wrong.csv", table)])
     assert message.endswith("--columns u1=-tau_con1 u2=-tau_con2, or take it as it is with --force")
 
 
