@@ -64,5 +64,4 @@ def test_ctrl_c_ends_every_command(tmp_path, words):
         process = start(["-m", "swingup", *words.split()], folder, stderr=subprocess.DEVNULL)
         time.sleep(moment)
         assert process.poll() is None, f"{words} ended before {moment} s"
-        status = pressed(process)
-        assert status == 130, f"{words} after {moment} s"
+        assert pressed(process) == 130, f"{words} after {moment} s"
