@@ -13,7 +13,6 @@ import shlex
 import shutil
 import sys
 import types
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -49,15 +48,12 @@ def python_blocks():
         text = page.read_text(encoding="utf-8")
         for match in BLOCK.finditer(text):
             line = text[: match.start("code")].count("\n") + 1
-            comments = {
-                found["kind"]: found["text"] for found in re.finditer(COMMENT, match["comments"], re.DOTALL)
-            }
-            if "not run" in comments:
-                continue
+            comments = {each["kind"]: each["text"] for each in re.finditer(COMMENT, match["comments"], re.DOTALL)}
             # Empty lines above, so that a traceback names the page's own line.
             source = "\n" * (line - 1) + match["code"]
             marks = [pytest.mark.slow] if "slow" in comments else []
-            yield pytest.param(page, comments.get("run first"), source, id=f"{page.name}:{line}", marks=marks)
+            if "not run" not in comments:
+                yield pytest.param(page, comments.get("run first"), source, id=f"{page.name}:{line}", marks=marks)
 
 
 def command_lines():
@@ -83,12 +79,7 @@ def test_python_block_runs(page, first, source, tmp_path, monkeypatch):
 @pytest.fixture
 def parse(monkeypatch):
     """The command line without the commands: it only parses arguments."""
-
-    def parse_only(*arguments):
-        parse_words(*arguments)
-        return lambda: 0
-
-    monkeypatch.setattr(commands, "parse", parse_only)
+    monkeypatch.setattr(commands, "parse", lambda *arguments: parse_words(*arguments) and (lambda: 0))
     return commands.run_command
 
 
@@ -138,8 +129,7 @@ def shortened(line):
 @pytest.fixture
 def brief_searches(monkeypatch):
     """Searches that end before they found much: whether they find it is for the tests of each of them."""
-    shipped, for_the_score = (shipped_reference("acrobot", problem)[0] for problem in ("published", "score"))
-    found = {"published": shipped, "score": for_the_score}
+    found = {problem: shipped_reference("acrobot", problem)[0] for problem in ("published", "score")}
     monkeypatch.setattr(Design, "compute", lambda self, problem, seed: (found[problem], {}))
     monkeypatch.setattr(excite, "CHECKED_PLANTS", 8)
 
@@ -149,17 +139,15 @@ def brief_searches(monkeypatch):
 def test_command_lines_run_in_their_order(tmp_path, monkeypatch, small_grid, brief_minute):
     """All run in one folder, since some read what others wrote; two trainings may have the same folder."""
     pytest.importorskip("mujoco", reason="mujoco is not installed")
-    small = {"robustness": small_grid, "uptime": brief_minute}
     few = ("ar-eapo", "tvlqr")  # test_the_papers_boards has everybody
-    for name, board in small.items():
+    for name, board in {"robustness": small_grid, "uptime": brief_minute}.items():
         monkeypatch.setitem(BOARDS, name, board)
     monkeypatch.setattr("swingup.benchmark.leaderboard.default_entrants", lambda board: few)
     monkeypatch.setattr(judging, "make_section", functools.partial(make.make_section, entrants=few))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))  # of the sweeps' workers
     monkeypatch.syspath_prepend(tmp_path)
-    with resources.as_file(shipped_file("acrobot", "ar-eapo")) as source:
-        shutil.copy(source, "best.safetensors")
+    shutil.copy(shipped_file("acrobot", "ar-eapo"), "best.safetensors")
     shutil.copy(ROOT / "src" / "swingup" / "loop" / "domains" / "identified.yml", "mine.yml")
     Path("mine.py").write_text(MINE, encoding="utf-8")
     logs = ROOT / "examples" / "logs"
