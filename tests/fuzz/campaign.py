@@ -111,23 +111,13 @@ def fault_of(read, path):
 
 
 def campaign(seed, reads, folder, kinds=tuple(KINDS)):
-    """Read that many spoilt files, the kinds in turn.
-
-    Args:
-        seed: of all that is drawn.
-        reads: how many reads.
-        folder: where the files are written; those that caused a fault stay.
-        kinds: some of ``KINDS``.
-
-    Returns:
-        Reads of each kind, and faults with their files.
-    """
+    """Read spoilt files, the kinds in turn: reads of each kind, and faults with their files, which stay."""
     generator, counts, faults = random.Random(seed), collections.Counter(), []
     before = signal.signal(signal.SIGPROF, _stop)
     for number in range(reads):
         kind = kinds[number % len(kinds)]
-        data = KINDS[kind].make(generator)
-        path = folder / kind / KINDS[kind].file
+        make, file = KINDS[kind]
+        data, path = make(generator), folder / kind / file
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(data)
         read = generator.choice(READERS[kind])
@@ -136,7 +126,7 @@ def campaign(seed, reads, folder, kinds=tuple(KINDS)):
         signal.setitimer(signal.ITIMER_PROF, 0)
         counts[kind] += 1
         if fault is not None:
-            kept = folder / f"fault-{number}-{KINDS[kind].file}"
+            kept = folder / f"fault-{number}-{file}"
             kept.write_bytes(data)
             faults.append(f"{kind}, read {number} of seed {seed}: {fault} ({kept})")
     signal.signal(signal.SIGPROF, before)

@@ -1,14 +1,15 @@
 """Spoilt files of every kind that the package reads, from good ones: bytes, drawn from a seeded generator."""
 
-import dataclasses
 import io
 import json
 import re
+from functools import partial
 
 import jax.numpy as jnp
 import numpy as np
 from scipy.io import savemat
 
+from swingup.benchmark.rules import CRITERIA
 from swingup.learner.presets import get_preset
 from swingup.learner.run_settings import RunSettings
 from swingup.plant.model_files.writers import model_text
@@ -21,20 +22,16 @@ LOOP = ("torque_limit", "passive_limit", "delay", "velocity_noise", "torque_nois
 
 VALUES = [
     "1", "-1", "0", ".nan", ".inf", "1e999", "1_000", "0x10", "0x_", "0b_", "1:30", "190:20:30.15", "2001-99-99",
-    "2001-01-01", "!!int x", "!!float '_'", "!!timestamp x", "!!python/name:os.system",
-    "!!python/object/apply:os.getcwd []",
-    "!!binary x", "!!set {a}", "!!omap [a: 1]", "!custom 5", "[1, 2]", "[2, 1]", "[1]", "[]", "{}", "{a: 1}",
-    "[.nan, 1]",
-    "['1', '2']", "true", "~", "''", '"\\x00"', '"\\ud800"', "*a", "&a 1", "&a [*a]", "9" * 5000, "1e-320",
-    "[[1, 2], [3, 4]]",
-    "|\n  block", "? a", "=", "<<", "@x", "`", "%", "- 1",
-    "[1", "{", "'", "[1e8, 2e8]", "[" * 1500, "[" * 400 + "]" * 400,
+    "2001-01-01", "!!int x", "!!float '_'", "!!timestamp x", "!!python/name:os.system", "!!binary x", "!!set {a}",
+    "!!python/object/apply:os.getcwd []", "!!omap [a: 1]", "!custom 5", "[1, 2]", "[2, 1]", "[1]", "[]", "{}",
+    "{a: 1}", "[.nan, 1]", "['1', '2']", "true", "~", "''", '"\\x00"', '"\\ud800"', "*a", "&a 1", "&a [*a]", "- 1",
+    "9" * 5000, "1e-320", "[[1, 2], [3, 4]]", "|\n  block", "? a", "=", "<<", "@x", "`", "%", "[1", "{", "'",
+    "[1e8, 2e8]", "[" * 1500, "[" * 400 + "]" * 400,
 ]  # fmt: skip
 KEYS = [
     "1: 2", "~: 1", "[a]: 1", "{a: 1}: 2", "true: 1", "2001-01-01: 3", '"m1\\n": 1', "*x : 1", ".nan: 3",
-    "<<: {m1: 1}",
-    "<<: [1]", "<<: &b {<<: *b}", "!!int x: 1", "? |\n  long\n: 2", "a: b: c", "---", "...", "%YAML 3.0", "\t",
-    "m1: 1",
+    "<<: {m1: 1}", "<<: [1]", "<<: &b {<<: *b}", "!!int x: 1", "? |\n  long\n: 2", "a: b: c", "---", "...",
+    "%YAML 3.0", "\t", "m1: 1",
 ]  # fmt: skip
 
 
@@ -63,27 +60,19 @@ def yaml_map(random):
 
 CELLS = [
     "nan", "inf", "-inf", "1e400", "", "abc", "1,5", "1_000", "１２", "0x10", "1e9", "1e10", "-0", "1d5", "--1",
-    "1 2", '"', '"' + "1" * 200_000,
-    "\u22121", "'1'", "=1+1", "None", "1e-400", "9" * 5000, "\x00", "1\t2", "½", "true",
+    "1 2", '"', '"' + "1" * 200_000, "\u22121", "'1'", "=1+1", "None", "1e-400", "9" * 5000, "\x00", "1\t2", "½",
+    "true",
 ]  # fmt: skip
 TITLES = [
     "", "time", "Time", "t", "pos1", "tau1", "#time", "time[ms]", "time (s)", "pos_meas1[deg]",
-    "vel_meas1 [rpm]", "[time]",
-    " pos_meas1 ", '"time"', "x" * 100_000, "1", "nan", "time[", "\u00a0time", "time[" + "[" * 5000,
+    "vel_meas1 [rpm]", "[time]", " pos_meas1 ", '"time"', "x" * 100_000, "1", "nan", "time[", "\u00a0time",
+    "time[" + "[" * 5000,
 ]  # fmt: skip
 TIMES = [
-    lambda k: 0.0,
-    lambda k: -k,
-    lambda k: 1e-9 * k,
-    lambda k: 1e8 + k,
-    lambda k: k**3,
-    lambda k: k - 1e6,
-    lambda k: k / 500,
-    lambda k: 1.76e9 + k / 500,
-    lambda k: round(k / 250, 2),
-    lambda k: 5e-324 * k,
+    lambda k: 0.0, lambda k: -k, lambda k: 1e-9 * k, lambda k: 1e8 + k, lambda k: k**3, lambda k: k - 1e6,
+    lambda k: k / 500, lambda k: 1.76e9 + k / 500, lambda k: round(k / 250, 2), lambda k: 5e-324 * k,
     lambda k: (k % 20) / 500,
-]
+]  # fmt: skip
 HEADER = "time,pos_meas1,pos_meas2,vel_meas1,vel_meas2,tau_con1,tau_con2"
 
 
@@ -105,9 +94,8 @@ def trajectory(random):
             rows = [[repr(float(time(k))), *row[1:]] for k, row in enumerate(rows)]
         if kind == "row" and rows:
             place = random.randrange(len(rows))
-            rows[place] = random.choice(
-                [[*rows[place], "1"], rows[place][:-1] or ["1"], [""], [*rows[place], "", ""]]
-            )
+            row = rows[place]
+            rows[place] = random.choice([[*row, "1"], row[:-1] or ["1"], [""], [*row, "", ""]])
         if kind == "twice":
             titles, rows = [*titles, random.choice(titles)], [[*row, "5"] for row in rows]
         if kind == "order":
@@ -123,9 +111,7 @@ def trajectory(random):
             columns = np.random.default_rng(random.randrange(1 << 30)).normal(size=(len(rows), 6)).cumsum(axis=0)
             rows = [[row[0], *map(str, drawn)] for row, drawn in zip(rows, columns, strict=True)]
     end = random.choice(["\n"] * 6 + ["\r\n", "\r", "\n\n", "\u2028", "\x0b"])
-    comma, point = random.choice(
-        [(",", ".")] * 14 + [(";", ","), (";", "."), ("\t", "."), (" ", "."), ('","', ".")]
-    )
+    comma, point = random.choice([",."] * 14 + [";,", ";.", "\t.", " .", ('","', ".")])
     lines = [comma.join(cell.replace(".", point) for cell in row) for row in [titles, *rows]]
     text = end.join(random.choice([[]] * 14 + [["# a comment"], ["sep=;"], [""]]) + lines)
     data = text.encode(random.choice(["utf-8"] * 9 + ["utf-8-sig", "utf-16", "utf-32"]), "replace")
@@ -172,8 +158,17 @@ def log(save):
     return make
 
 
-npz = log(lambda stream, arrays: np.savez(stream, **arrays))
-mat = log(lambda stream, arrays: savemat(stream, {"log": arrays, "n": 1}, do_compression="x" not in arrays))
+PARTS = {
+    "estimator": (["dt", "velocity_noise", "acceleration_noise", "max_delay_steps", "longest_delay"], [1e-6, 1000]),
+    "guard": (["dt", "angle_limit", "velocity_limit", "longest_gap", "torque_rate", "braking"], [None, 1000]),
+    "plant": ([*PLANT, "name"], []),
+    "identifier": (["passive_limit"], [{"rotor": 1}]),
+    "regulator": (
+        ["enter", "leave", "enter_coulomb", "leave_coulomb"],
+        [[1.0, 1.0, 0.1, 0.1], [1e9, 1, 1, 1], 100],
+    ),
+}
+"""Settings of a policy's parts, and values in their places beside the extreme ones."""
 
 
 def policy(random):
@@ -192,22 +187,13 @@ def policy(random):
     if random.random() < 0.3:
         metadata["observation"].append({"name": "normalise", "clip": 10.0, "epsilon": 1e-8})
         arrays |= {"observation.1.mean": np.zeros(4), "observation.1.variance": np.ones(4)}
-    if random.random() < 0.3:
-        names = ["dt", "velocity_noise", "acceleration_noise", "max_delay_steps", "longest_delay", "x"]
-        metadata["estimator"] = {random.choice(names): random.choice([*EXTREMES, 1e-6, 1000])}
-    if random.random() < 0.3:
-        names = ["dt", "angle_limit", "velocity_limit", "longest_gap", "torque_rate", "braking", "x"]
-        metadata["guard"] = {random.choice(names): random.choice([*EXTREMES, None, 1000])}
-    if random.random() < 0.3:
-        metadata["plant"] = PLANT | {random.choice([*PLANT, "name", "x"]): random.choice(EXTREMES)}
-    if random.random() < 0.3:
-        names, value = ["passive_limit", "x"], random.choice([*EXTREMES, {"rotor": 1}])
-        metadata["identifier"] = {random.choice(names): value}
+    for part, (names, values) in PARTS.items():
+        if random.random() < 0.3:
+            metadata[part] = {random.choice([*names, "x"]): random.choice([*EXTREMES, *values])}
+    if "plant" in metadata:
+        metadata["plant"] = PLANT | metadata["plant"]
+    if "identifier" in metadata:
         metadata.setdefault("estimator", {})
-    if random.random() < 0.3:
-        names = ["enter", "leave", "enter_coulomb", "leave_coulomb", "x"]
-        value = random.choice([*EXTREMES, [1.0, 1.0, 0.1, 0.1], [1e9, 1, 1, 1], 100])
-        metadata["regulator"] = {random.choice(names): value}
     return _file(random, metadata, arrays)
 
 
@@ -220,18 +206,13 @@ def reference(random):
 
 LIKE = {"weights": jnp.zeros((4, 3)), "step": jnp.zeros((), int)}
 """What a checkpoint is read like."""
+STATE = {"frames": 1024, "best": [0.1, None], "seconds": 3.5}
 
 
 def checkpoint(random):
     """A state of training."""
     arrays = {name: np.asarray(array) for name, array in LIKE.items()}
-    metadata = {
-        "format": "swingup checkpoint",
-        "format_version": 1,
-        "frames": 1024,
-        "best": [0.1, None],
-        "seconds": 3.5,
-    }
+    metadata = {"format": "swingup checkpoint", "format_version": 1} | STATE
     return _file(random, metadata, arrays)
 
 
@@ -263,30 +244,12 @@ def metrics(random):
     return damage(random, data) if random.random() < 0.1 else data
 
 
-PERCENT = dict.fromkeys(
-    ("model", "velocity_noise", "torque_noise", "torque_response", "delay", "perturbations"), 50.0
-)
 ROBUSTNESS = {
-    "robot": "acrobot", "controller": "x", "board": "robustness", "seed": 0, "seeds": [0, 1], **PERCENT,
-    "score": 0.5,
-    "intervals": {"velocity_noise": [1, 2], "score": [0.1, 0.2]}, "details": [],
+    "robot": "acrobot", "controller": "x", "board": "robustness", "seed": 0, "seeds": [0, 1], "score": 0.5,
+    "intervals": {"velocity_noise": [1, 2], "score": [0.1, 0.2]}, "details": [], **dict.fromkeys(CRITERIA, 50.0),
 }  # fmt: skip
-
-
-def robustness(random):
-    """The result of the robustness benchmark."""
-    return json_text(random, ROBUSTNESS)
-
-
 SETTINGS = RunSettings("acrobot", "default", 0, 1, 65_536, 65_536, get_preset("default").config)
 CONFIG = {"version": "0.1.0", "frames": 10_000, **SETTINGS.as_dict()}
-
-
-def config(random):
-    """The settings of a training run."""
-    return json_text(random, CONFIG)
-
-
 SHAPES = """<mujoco><compiler eulerseq="zyx"/><option><flag contact="disable"/></option>
 <default><default class="a"><geom type="box" size=".02 .03 .1" density="800"/><joint axis="0 0 1" damping=".1"/>
 </default></default><worldbody><body name="b0" euler="0 90 0"><body name="L1" childclass="a" axisangle="0 0 1 20">
@@ -344,24 +307,20 @@ def model(random):
     return damage(random, data) if random.random() < 0.1 else data
 
 
-@dataclasses.dataclass
-class Kind:
-    """Files of one kind: how they are made, and what they are called."""
-
-    make: object
-    file: str
-
-
 KINDS = {
-    "yaml": Kind(yaml_map, "map.yml"),
-    "trajectory": Kind(trajectory, "run.csv"),
-    "npz": Kind(npz, "run.npz"),
-    "mat": Kind(mat, "run.mat"),
-    "policy": Kind(policy, "policy.safetensors"),
-    "reference": Kind(reference, "reference.safetensors"),
-    "checkpoint": Kind(checkpoint, "checkpoint.safetensors"),
-    "config": Kind(config, "config.json"),
-    "metrics": Kind(metrics, "metrics.jsonl"),
-    "robustness": Kind(robustness, "robustness.json"),
-    "model": Kind(model, "model.xml"),
+    "yaml": (yaml_map, "map.yml"),
+    "trajectory": (trajectory, "run.csv"),
+    "npz": (log(lambda stream, arrays: np.savez(stream, **arrays)), "run.npz"),
+    "mat": (
+        log(lambda stream, arrays: savemat(stream, {"log": arrays, "n": 1}, do_compression="x" not in arrays)),
+        "run.mat",
+    ),
+    "policy": (policy, "policy.safetensors"),
+    "reference": (reference, "reference.safetensors"),
+    "checkpoint": (checkpoint, "checkpoint.safetensors"),
+    "config": (partial(json_text, value=CONFIG), "config.json"),
+    "metrics": (metrics, "metrics.jsonl"),
+    "robustness": (partial(json_text, value=ROBUSTNESS), "robustness.json"),
+    "model": (model, "model.xml"),
 }
+"""How files of each kind are made, and what they are called."""

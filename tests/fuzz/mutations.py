@@ -38,29 +38,19 @@ FAULTS = [
 
 def mutate(random, value):
     """The JSON value with one thing in it changed, somewhere."""
-    if isinstance(value, dict) and value and random.random() < 0.8:
-        changed, name, kind = dict(value), random.choice(list(value)), random.random()
-        if kind < 0.15:
-            del changed[name]
-        elif kind < 0.25:
-            changed[str(random.choice(EXTREMES))[:200]] = random.choice(EXTREMES)
-        elif kind < 0.6:
-            changed[name] = random.choice(EXTREMES)
-        else:
-            changed[name] = mutate(random, value[name])
-        return changed
-    if isinstance(value, list) and value and random.random() < 0.8:
-        changed, index, kind = list(value), random.randrange(len(value)), random.random()
-        if kind < 0.2:
-            del changed[index]
-        elif kind < 0.3:
-            changed *= random.choice([2, 3, 50])
-        elif kind < 0.5:
-            changed[index] = random.choice(EXTREMES)
-        else:
-            changed[index] = mutate(random, value[index])
-        return changed
-    return random.choice(EXTREMES)
+    if not isinstance(value, dict | list) or not value or random.random() > 0.8:
+        return random.choice(EXTREMES)
+    changed, kind = value.copy(), random.random()
+    place = random.choice(list(value) if isinstance(value, dict) else range(len(value)))
+    if kind < 0.15:
+        del changed[place]
+    elif kind < 0.25 and isinstance(value, dict):
+        changed[str(random.choice(EXTREMES))[:200]] = random.choice(EXTREMES)
+    elif kind < 0.25:
+        changed *= random.choice([2, 3, 50])
+    else:
+        changed[place] = random.choice(EXTREMES) if kind < 0.6 else mutate(random, value[place])
+    return changed
 
 
 def several(random, change, value):
@@ -100,15 +90,12 @@ def other_array(random, array):
         if kind == "type":
             return array.astype(random.choice(["U5", "S5", "i4", "u1", "f2", "f8", "c16", "?", ">f4", ">f8", "g"]))
         if kind == "shape":
-            shape = random.choice(
-                [(), (0,), (1,), (0, 4), (4, 0), (1, 1, 1), (3,), (1,) * 32, (100_000,), (1, 9999)]
-            )
-            return np.zeros(shape, array.dtype)
+            shapes = [(), (0,), (1,), (0, 4), (4, 0), (1, 1, 1), (3,), (1,) * 32, (100_000,), (1, 9999)]
+            return np.zeros(random.choice(shapes), array.dtype)
         if kind == "value" and array.size:
             wide = array.astype("f8")
-            wide.flat[random.randrange(array.size)] = random.choice(
-                [np.nan, np.inf, -np.inf, 1e38, 1e300, -1e300, 1e-320]
-            )
+            values = [np.nan, np.inf, -np.inf, 1e38, 1e300, -1e300, 1e-320]
+            wide.flat[random.randrange(array.size)] = random.choice(values)
             return wide
     return np.asfortranarray(array)
 
