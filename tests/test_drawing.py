@@ -7,8 +7,8 @@ from swingup.drawing import DRIVEN, LINK_2, draw_frame
 
 L1, L2 = 0.2, 0.3
 SCALE = 400 / (2 * 1.15 * 0.5)  # pixels per metre: the picture is 2 * 1.15 (l1 + l2) wide
-RED = np.array([int(DRIVEN[i : i + 2], 16) for i in (1, 3, 5)])
-BLUE = np.array([int(LINK_2[i : i + 2], 16) for i in (1, 3, 5)])
+RED, BLUE = (np.array([*bytes.fromhex(colour[1:])]) for colour in (DRIVEN, LINK_2))
+HANGING = [0.0, 0.0, 0.0, 0.0]
 
 
 def pixel(frame, right, up):
@@ -37,7 +37,7 @@ def test_tip_is_where_the_angles_put_it(q1, q2, tip):
 
 
 def test_goal_line_lies_at_nine_tenths_of_the_reach():
-    frame = draw_frame([0.0, 0.0, 0.0, 0.0], L1, L2).astype(int)
+    frame = draw_frame(HANGING, L1, L2).astype(int)
     green = (frame[:, 5, 1] - frame[:, 5, 0] > 40).nonzero()[0]
     # 200 - 0.9 * 400 / 2.3 = 43.5, and the line is 0.7 % of 400 = 2.8 pixels thick.
     assert 42 <= green.min() <= green.max() <= 45
@@ -45,19 +45,17 @@ def test_goal_line_lies_at_nine_tenths_of_the_reach():
 
 @pytest.mark.parametrize(("driven", "place", "other"), [(0, (0, 0), (0, -L1)), (1, (0, -L1), (0, 0))])
 def test_driven_joint_is_marked(driven, place, other):
-    frame = draw_frame([0.0, 0.0, 0.0, 0.0], L1, L2, driven=driven)
+    frame = draw_frame(HANGING, L1, L2, driven=driven)
     np.testing.assert_array_equal(pixel(frame, *place), RED)
     assert not np.array_equal(pixel(frame, *other), RED)
-    assert red_columns(draw_frame([0.0, 0.0, 0.0, 0.0], L1, L2)).size == 0
+    assert red_columns(draw_frame(HANGING, L1, L2)).size == 0
 
 
 def test_torque_is_an_arrow_that_turns_with_its_sign():
-    x = [math.pi, 0.0, 0.0, 0.0]
-    left = red_columns(draw_frame(x, L1, L2, torque=[0.0, 4.0]))
-    right = red_columns(draw_frame(x, L1, L2, torque=[0.0, -4.0]))
+    left, right, small, none = (
+        red_columns(draw_frame([math.pi, 0.0, 0.0, 0.0], L1, L2, torque=[0.0, u])) for u in (4.0, -4.0, 1.0, 0.0)
+    )
     # The arrow starts above the joint at column 200: counter-clockwise leads to the left.
-    assert left.size > 50
     assert left.mean() < 195
     assert right.mean() > 205
-    assert red_columns(draw_frame(x, L1, L2, torque=[0.0, 1.0])).size < left.size
-    assert red_columns(draw_frame(x, L1, L2, torque=[0.0, 0.0])).size == 0
+    assert none.size == 0 < small.size < left.size > 50

@@ -17,11 +17,10 @@ swing = functools.partial(test_plot.swing, dt=0.002)
 def read(path):
     """Frames and how long each is shown (ms)."""
     with Image.open(path) as film:
-        pictures = [
-            (np.array(frame.convert("RGB")), frame.info["duration"]) for frame in ImageSequence.Iterator(film)
-        ]
+        shown = [(np.array(each.convert("RGB")), each.info["duration"]) for each in ImageSequence.Iterator(film)]
         assert film.info["loop"] == 0  # again and again
-    return [picture for picture, _ in pictures], [delay for _, delay in pictures]
+    pictures, delays = map(list, zip(*shown, strict=True))
+    return pictures, delays
 
 
 @pytest.mark.parametrize(("fps", "speed", "count"), [(30, 1.0, 60), (20, 2.0, 20), (25, 0.5, 100), (12.5, 1.0, 25)])
@@ -48,22 +47,14 @@ def test_gif_pictures_are_the_drawings(tmp_path):
         assert error.max() < 64
 
 
-def test_pictures_without_motion_still_take_their_time(tmp_path):
-    time = 0.01 * np.arange(201)
-    animate([(Trajectory(time, np.zeros((201, 4)), np.zeros((201, 2))), "acrobot")], tmp_path / "film.gif", size=48)
-    assert sum(read(tmp_path / "film.gif")[1]) == 2000
-
-
-def test_time_may_start_anywhere_and_be_uneven(tmp_path):
-    # Two rows only: hanging for 1.5 s, then upright for half a second.
-    x = np.zeros((3, 4))
-    x[1:, 0] = math.pi
-    animate(
-        [(Trajectory(np.array([5.0, 6.5, 7.0]), x, np.zeros((3, 2))), "pendubot")], tmp_path / "film.gif", size=48
-    )
-    pictures, delays = read(tmp_path / "film.gif")
-    assert delays == [1520, 480]  # the first picture at or after 1.5 s is that at 1.52 s
-    assert len(pictures) == 2
+@pytest.mark.parametrize(
+    ("up", "delays"), [(math.pi, [1520, 480]), (0.0, [2000])], ids=["uneven", "without motion"]
+)
+def test_time_may_start_anywhere_be_uneven_and_pass_without_motion(tmp_path, up, delays):
+    """Hanging for 1.5 s, then upright for half a second: the first picture from then on is that at 1.52 s."""
+    trajectory = Trajectory(np.array([5.0, 6.5, 7.0]), np.outer([0, up, up], np.eye(4)[0]), np.zeros((3, 2)))
+    animate([(trajectory, "pendubot")], tmp_path / "film.gif", size=48)
+    assert read(tmp_path / "film.gif")[1] == delays
 
 
 def test_two_pendulums_move_side_by_side_also_as_webp(tmp_path):

@@ -85,10 +85,8 @@ def test_time_series_mark_goal_limit_and_swing_up_time():
     both = swing()
     both.u[:, 0] = 0.1
     (positions, velocities, torques) = plotted("trajectory", {"run": both}, "acrobot").axes
-    goal = [line.get_ydata()[0] for line in positions.get_lines() if line.get_label() == "goal"]
-    assert goal == [math.pi, 0.0]
-    limits = [line.get_ydata()[0] for line in torques.get_lines() if line.get_label() == "limit"]
-    assert limits == [6.0, -6.0]
+    for axes, label, places in ((positions, "goal", [math.pi, 0.0]), (torques, "limit", [6.0, -6.0])):
+        assert [line.get_ydata()[0] for line in axes.get_lines() if line.get_label() == label] == places
     assert set(lines(torques)) == {"u1", "u2", "limit", "up"}
     # l1 = 0.2, l2 = 0.3: -0.2 cos q1 - 0.3 cos(q1 + q2) > 0.45 first holds with both angles near the goal.
     x, time = both.x, both.time
@@ -124,12 +122,12 @@ def test_phase_portraits_show_each_joint_from_start_to_goal():
     for joint, axes in enumerate(figure.axes):
         for name, trajectory in given.items():
             assert_data(lines(axes)[name], trajectory.x[:, joint], trajectory.x[:, 2 + joint])
-        marks = {mark: [] for mark in ("start", "goal")}
-        for line in axes.get_lines():
-            if line.get_label() in marks:
-                marks[line.get_label()].append((line.get_xdata()[0], line.get_ydata()[0]))
-        assert marks["start"] == [tuple(each.x[0, [joint, 2 + joint]]) for each in given.values()]
-        assert marks["goal"] == ([(math.pi, 0.0), (-math.pi, 0.0)] if joint == 0 else [(0.0, 0.0)] * 2)
+        start, goal = (
+            [(line.get_xdata()[0], line.get_ydata()[0]) for line in axes.get_lines() if line.get_label() == mark]
+            for mark in ("start", "goal")
+        )
+        assert start == [tuple(each.x[0, [joint, 2 + joint]]) for each in given.values()]
+        assert goal == ([(math.pi, 0.0), (-math.pi, 0.0)] if joint == 0 else [(0.0, 0.0)] * 2)
     assert [axes.get_title() for axes in figure.axes] == ["shoulder (driven)", "elbow (passive)"]
     assert legend_texts(figure.legends[0]) == ["one", "other", "start", "goal"]
 
@@ -215,11 +213,9 @@ NO_TRAJECTORIES = [
 
 def test_what_cannot_be_drawn_is_named():
     for kind, wrong, *robot in (
-        ("robustness", NO_RESULTS),
-        ("curves", NO_CURVES),
-        ("trajectory", NO_TRAJECTORIES, "acrobot"),
-        ("phase", NO_TRAJECTORIES, "acrobot"),
-    ):
+        ("robustness", NO_RESULTS), ("curves", NO_CURVES),
+        ("trajectory", NO_TRAJECTORIES, "acrobot"), ("phase", NO_TRAJECTORIES, "acrobot"),
+    ):  # fmt: skip
         for given in wrong:
             assert refusal(plotted, kind, {"ours": given}, *robot).startswith("ours")
         assert "nothing to draw" in refusal(plotted, kind, {}, *robot)
@@ -253,12 +249,11 @@ def test_every_axis_has_a_label_and_a_unit():
 @pytest.mark.slow
 def test_figures_do_not_depend_on_names():
     names = ("_hidden", "cost in $", "$x_1", "x" * 300, "a_b", "--></svg>\x1b\n\udcff")
-    for figure in (
-        plotted("trajectory", {name: swing() for name in names}, "acrobot"),
-        plotted("phase", {name: swing() for name in names}, "acrobot"),
-        plotted("robustness", {name: result() for name in names}),
-        plotted("curves", {name: curve() for name in names}),
-    ):
+    for kind, given, *robot in (
+        ("trajectory", swing(), "acrobot"), ("phase", swing(), "acrobot"),
+        ("robustness", result()), ("curves", curve()),
+    ):  # fmt: skip
+        figure = plotted(kind, dict.fromkeys(names, given), *robot)
         assert render(figure, ".png")
         ElementTree.fromstring(render(figure, ".svg"))  # no name leaves its comment, no control character stays
         if figure.legends:
@@ -280,27 +275,24 @@ def test_a_figure_is_the_same_every_time_whatever_the_global_settings():
 @pytest.fixture
 def inputs(tmp_path):
     """One good file for each kind of plot."""
-    folder = tmp_path / "in"
-    folder.mkdir()
-    save_trajectory(folder / "run.csv", swing(rows=30))
-    (folder / "score.json").write_text(json.dumps(result()), encoding="utf-8")
-    (folder / "metrics.jsonl").write_text("".join(json.dumps(row) + "\n" for row in curve()), encoding="utf-8")
-    trajectory, score, metrics = (folder / name for name in ("run.csv", "score.json", "metrics.jsonl"))
-    same = dict.fromkeys(("trajectory", "phase", "animation"), trajectory)
-    return {**same, "robustness": score, "curve": metrics}
+    run, score, metrics = (tmp_path / name for name in ("run.csv", "score.json", "metrics.jsonl"))
+    save_trajectory(run, swing(rows=30))
+    score.write_text(json.dumps(result()), encoding="utf-8")
+    metrics.write_text("".join(json.dumps(row) + "\n" for row in curve()), encoding="utf-8")
+    return {"trajectory": run, "phase": run, "animation": run, "robustness": score, "curve": metrics}
+
+
+SAVED = {
+    "trajectory": ("a.png", b"\x89PNG"), "phase": ("a.svg", b"<?xml"), "robustness": ("a.pdf", b"%PDF"),
+    "curve": ("a.PNG", b"\x89PNG"), "animation": ("a.gif", b"GIF89a"),
+}  # fmt: skip
 
 
 def test_every_kind_is_saved(tmp_path, inputs):
-    for kind, out, start in (
-        ("trajectory", "a.png", b"\x89PNG"),
-        ("phase", "a.svg", b"<?xml"),
-        ("robustness", "a.pdf", b"%PDF"),
-        ("curve", "a.PNG", b"\x89PNG"),
-        ("animation", "a.gif", b"GIF89a"),
-    ):
+    for kind, (out, start) in SAVED.items():
         plot(kind, [inputs[kind]], tmp_path / out)
         assert (tmp_path / out).read_bytes().startswith(start)
-    assert len(list(tmp_path.iterdir())) == 1 + 5
+    assert len(list(tmp_path.iterdir())) == 3 + 5
     plot("animation", [inputs["animation"]] * 2, tmp_path / "b.gif", size=48)  # side by side
     assert (tmp_path / "b.gif").read_bytes()[6:10] == b"\x60\0\x30\0"  # 96 by 48 pixels
 
@@ -323,11 +315,11 @@ def test_bad_files_are_named_and_what_is_there_survives(tmp_path, kind):
 
 
 def test_the_driven_joint_tells_the_robot(tmp_path):
-    acrobot, pendubot, passive = tmp_path / "a.csv", tmp_path / "p.csv", tmp_path / "0.csv"
-    save_trajectory(acrobot, swing(joint=1))
-    save_trajectory(pendubot, swing(joint=0))
-    still = swing()
-    save_trajectory(passive, Trajectory(time=still.time, x=still.x, u=0 * still.u))
+    acrobot, pendubot, passive = files = [tmp_path / name for name in ("a.csv", "p.csv", "0.csv")]
+    swings = [swing(joint=1), swing(joint=0), swing()]
+    swings[2].u[:] = 0.0
+    for file, each in zip(files, swings, strict=True):
+        save_trajectory(file, each)
     plot("phase", [pendubot, pendubot], tmp_path / "out.svg")
     assert "draw two pictures" in refusal(plot, "phase", [acrobot, pendubot], tmp_path / "out.svg")
     assert "has no torque" in refusal(plot, "phase", [passive], tmp_path / "out.svg")
