@@ -53,15 +53,11 @@ def test_ranges_hold_their_ends():
     assert finite_number("k", 2, 0.1, 2) == 2.0
     assert positive_number("k", 0.3, 0.3) == 0.3
     assert (whole_number("k", 0, 0), whole_number("k", 5, 0, 5)) == (0, 5)
-    for refuse in (
-        lambda: finite_number("k", 2.1, 0.1, 2, "s"),
-        lambda: positive_number("k", 0, 3, "N m"),
-        lambda: whole_number("k", -1, 0),
-        lambda: whole_number("k", 6, 0, 5),
-        lambda: whole_number("k", 2.5, 0),
-        lambda: finite_number("k", LyingInt(7), 0, 1),
-    ):
-        assert refusal(refuse).startswith("k = ")
+    for check, *given in (
+        (finite_number, 2.1, 0.1, 2, "s"), (finite_number, LyingInt(7), 0, 1), (positive_number, 0, 3, "N m"),
+        (whole_number, -1, 0), (whole_number, 6, 0, 5), (whole_number, 2.5, 0),
+    ):  # fmt: skip
+        assert refusal(check, "k", *given).startswith("k = ")
 
 
 def test_whole_numbers_are_pythons():
