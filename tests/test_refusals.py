@@ -150,7 +150,6 @@ TOGETHER = {
     "unknown task 'hover'": lambda: get_task("hover", ACROBOT),
     "the policy sees its plant": lambda: run_recipe(POLICIES[0], ROBOTS["acrobot"], RECIPES["recover"]),
     "give a domain, not a plant": lambda: run_recipe(POLICIES[1], ROBOTS["acrobot"], RECIPES["adapt"], plant="C.0"),
-    "give the plant as the domain": lambda: judge(HANGING, "acrobot", "icra-real", plant="A.0"),
     "unknown domain 'moon'": lambda: judge(HANGING, "acrobot", "sim2real", domain="moon"),
     "is for the pendubot, not the acrobot": lambda: judge(get_controller("lqr", "pendubot"), "acrobot"),
     "make it shorter": lambda: judge(HANGING, "acrobot", change_grid(ROBUSTNESS, "delay=0:5:3")),
