@@ -1,6 +1,10 @@
 """Reports made from real policies and cheap controllers, for the tests of the page."""
 
+import json
+import re
+
 import numpy as np
+import pytest
 
 from policies import lone_policy
 from swingup.benchmark.boards import BOARDS
@@ -36,14 +40,12 @@ STILL = {"undisturbed": HANGING, "disturbed": HANGING}
 
 def make_board(robot: Robot, measure: str) -> Table:
     """A board with made-up rows of ours beside the published ones."""
-    published = published_rows(robot, measure)
-    score = "score"
+    published, columns = published_rows(robot, measure), BOARDS[measure].columns
     ours = [
         Row("ar-eapo", OURS, dict(published[0].values)),
-        Row(NASTY, OURS, dict.fromkeys(BOARDS[measure].columns) | {score: 0.0}, "it is <b>not</b> a controller"),
+        Row(NASTY, OURS, dict.fromkeys(columns) | {"score": 0.0}, "it is <b>not</b> a controller"),
     ]
-    rows = sorted([*published, *ours], key=lambda row: -(row.values[score] or 0.0))
-    columns = BOARDS[measure].columns
+    rows = sorted([*published, *ours], key=lambda row: -(row.values["score"] or 0.0))
     return Table(robot.name, measure, columns, 0 if measure == "robustness" else None, tuple(rows))
 
 
@@ -65,13 +67,18 @@ def make_section(robot: Robot) -> Section:
 def make_evil_section() -> Section:
     """A section whose names, sources, remarks and notes all attack."""
     tables = []
-    for measure in ("performance", "robustness"):
-        value = 80.0 if measure == "robustness" else 0.5  # bars to hover over, in percent
-        rows = [
-            Row(name, OURS if k % 2 else name, dict.fromkeys(BOARDS[measure].columns, value), name)
-            for k, name in enumerate(EVIL)
-        ]
-        tables.append(Table("acrobot", measure, BOARDS[measure].columns, 0, tuple(rows)))
+    for measure, value in (("performance", 0.5), ("robustness", 80.0)):  # bars to hover over, in percent
+        values = dict.fromkeys(BOARDS[measure].columns, value)
+        rows = tuple(Row(name, OURS if k % 2 else name, values, name) for k, name in enumerate(EVIL))
+        tables.append(Table("acrobot", measure, tuple(values), 0, rows))
     shows = [Show(name, STILL, name) for name in EVIL]
-    parameters = LEADERBOARD.driven(ROBOTS["acrobot"])
-    return Section("acrobot", parameters, tables, shows, f"Disturbed {EVIL[0]}")
+    return Section("acrobot", LEADERBOARD.driven(ROBOTS["acrobot"]), tables, shows, f"Disturbed {EVIL[0]}")
+
+
+def parts_of(html):
+    """The text around the scripts and styles of a page that stands alone, and its data, in numbers of JSON."""
+    markup = re.sub(r"<script.*?</script>|<style.*?</style>", "", html, flags=re.DOTALL)
+    assert not re.search(r"""\b(src|href|action)=["'](?!#|data:)""", markup)
+    assert len(re.findall("</script>", html)) == 2  # nothing inside a script ends it
+    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL).group(1)
+    return markup, json.loads(data, parse_constant=lambda name: pytest.fail(f"{name} in the page's data"))
