@@ -97,8 +97,7 @@ OFFLINE = [
 def chromium():
     """A browser; starting one takes half a second, so that a module's tests share it."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    path = shutil.which("chromium")
-    if path is None:
+    if (path := shutil.which("chromium")) is None:
         pytest.skip("chromium is not installed")
     with playwright.sync_playwright() as tool:
         browser = tool.chromium.launch(executable_path=path, args=OFFLINE)
@@ -108,12 +107,8 @@ def chromium():
 
 TRIM = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
 """glibc's; other C libraries have none."""
-
-
-MAPS = Path("/proc/self/maps")
-MOST_MAPS = 20_000
-"""Mapped regions of memory of a process. Linux permits 65,530, each compiled program has several, and XLA crashes
-where it gets no more."""
+MAPS, MOST_MAPS = Path("/proc/self/maps"), 20_000
+"""Mapped regions of memory. Linux permits 65,530 a process, and XLA, which maps several a program, then crashes."""
 
 
 @pytest.fixture(scope="module", autouse=True)

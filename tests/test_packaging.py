@@ -112,14 +112,12 @@ def test_the_wheel_works_without_the_checkout(distributions, tmp_path):
     # The dependencies come from this environment; its own swingup, which may be the checkout's, comes later.
     code = f"import sys; sys.path.insert(0, {str(target)!r})\n{OUTSIDE}"
     kept = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    kept["XDG_CACHE_HOME"] = str(tmp_path / "cache")
-    printed = run(sys.executable, "-c", code, cwd=tmp_path, env=kept)
+    printed = run(sys.executable, "-c", code, cwd=tmp_path, env=kept | {"XDG_CACHE_HOME": str(tmp_path / "cache")})
     home, scores, torque = json.loads(printed.splitlines()[-1])
     assert Path(home).is_relative_to(target)
     assert scores == pytest.approx([0.638, 0.710], abs=0.005)
     assert len(torque) == 2
-    assert (tmp_path / "entry" / "con_swingup.py").exists()
-    assert (tmp_path / "policy.h").exists()
+    assert all((tmp_path / name).exists() for name in ("entry/con_swingup.py", "policy.h"))
 
 
 PYTHON = """#!/bin/sh
@@ -147,10 +145,8 @@ def make(tmp_path):
         # Neither a make around this one nor its variables count, as in make VENV=.venv313 test.
         outer = "MAKE", "VENV", "PYTHON"
         kept = {name: value for name, value in os.environ.items() if not name.startswith(outer)}
-        command = ["make", "PYTHON=./python", *words]
-        return subprocess.run(
-            command, cwd=tmp_path, env=kept | variables, capture_output=True, text=True, check=False
-        )
+        command, streams = ["make", "PYTHON=./python", *words], {"capture_output": True, "text": True}
+        return subprocess.run(command, cwd=tmp_path, env=kept | variables, check=False, **streams)
 
     return run
 

@@ -1,8 +1,8 @@
 """The documentation site: it builds without a warning, fits a phone, and its search needs no server."""
 
-import importlib.util
 import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -15,14 +15,6 @@ ROOT = Path(swingup.__file__).parents[2]
 PHONE = 400
 """Pixels."""
 pytestmark = pytest.mark.skipif(not (ROOT / "mkdocs.yml").is_file(), reason="the site is only in a checkout")
-
-
-def load_hook(name):
-    """One of the hooks in docs/, which is no package."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture(scope="session")
@@ -46,22 +38,22 @@ def pages(site):
 
 def test_symbols_of_the_prose_get_subscripts():
     pytest.importorskip("latex2mathml", reason="the site's packages are not installed")
-    hook = load_hook("mathematics")
+    on_page_content = runpy.run_path(str(ROOT / "docs" / "mathematics.py"))["on_page_content"]
     for prose, html in (
         ("<p>ρ_H, u_kᵀ, A_{t+1}</p>", "<p>ρ<sub>H</sub>, u<sub>k</sub>ᵀ, A<sub>t+1</sub></p>"),
         ("<code>ρ_H</code> <pre><code>ρ_H</code> ρ_H</pre>", None),
         ('<a href="#x_H" title="ρ_H">t_final, num_envs, __init__</a>', None),
     ):
-        assert hook.on_page_content(prose, None, None, None) == (html or prose)
+        assert on_page_content(prose, None, None, None) == (html or prose)
 
 
 @pytest.mark.slow
 def test_pages_show_their_equations_pictures_and_the_notebooks_outputs(site, pages):
+    foreign = r'<(?:(?:script|img|iframe)\b[^>]*src|link [^>]*rel="stylesheet"[^>]*href)="(?:https?:)?//[^"]*"'
     for name, html in pages.items():
         prose = re.sub(r"<(code|pre|math|script|style)\b.*?</\1>", "", html, flags=re.DOTALL)
         assert re.findall(r">[^<]*[α-ωΑ-Ω]_\w[^<]*", prose) == [], name
-        assert re.findall(r'<(?:script|img|iframe)\b[^>]*src="(?:https?:)?//[^"]*"', html) == [], name
-        assert re.findall(r'<link [^>]*rel="stylesheet"[^>]*href="(?:https?:)?//[^"]*"', html) == [], name
+        assert re.findall(foreign, html) == [], name
     assert "λ<sub>e</sub> of the entropy advantages" in pages["api.html"]  # of a docstring
     equations = re.findall(r"<math\b.*?</math>", pages["ar-eapo.html"], re.DOTALL)
     sums = sum(equation.count("∑") for equation in equations)
