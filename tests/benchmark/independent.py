@@ -44,18 +44,18 @@ class World:
     """What disturbs a run; the noise is given as numbers, row by row."""
 
     def __init__(
-        self, steps, response=1.0, delay=0, pushes=(), velocity_noise=None, torque_noise=None, stop=np.inf
+        self, steps, response=1.0, delay=0, pushes=None, velocity_noise=0.0, torque_noise=0.0, stop=np.inf
     ):
         self.response, self.delay, self.pushes, self.stop = response, delay, pushes, stop
-        self.velocity_noise = np.zeros((steps, 2)) if velocity_noise is None else velocity_noise
-        self.torque_noise = np.zeros((steps, 2)) if torque_noise is None else torque_noise
+        noises = velocity_noise, torque_noise
+        self.velocity_noise, self.torque_noise = (np.broadcast_to(each, (steps, 2)) for each in noises)
 
 
 def closed_loop(p, driven, control, x, dt, world):
     """Rows [t, x, u]: measure (delay, then noise), control, motor (response, noise, limits), push, integrate.
 
     ``driven`` are the indices of the joints that have a motor, ``control`` maps (x, t) to two torques, ``pushes``
-    are (joint, centre, width, amplitude). Beyond ``stop`` the run ends.
+    have centres, widths and amplitudes by joint. Beyond ``stop`` the run ends.
     """
     x = np.array(x, float)
     states, before, rows = [x], np.zeros(2), []
@@ -71,9 +71,11 @@ def closed_loop(p, driven, control, x, dt, world):
             motor = before[joint] + world.response * (wanted[joint] - before[joint]) + world.torque_noise[k, joint]
             limit = p[f"tl{joint + 1}"]
             u[joint] = min(max(motor, -limit), limit)
-            for where, centre, width, amplitude in world.pushes:
-                if where == joint:
-                    u[joint] += amplitude * math.exp(-((t - centre) ** 2) / (2 * width**2))
+            if world.pushes is not None:
+                centre, width, peak = (
+                    getattr(world.pushes, name)[joint] for name in ("centre", "width", "amplitude")
+                )
+                u[joint] += np.sum(peak * np.exp(-((t - centre) ** 2) / (2 * width**2)))
         rows.append([t, *x, *u])
         x, before = rk4(p, x, u, dt), u
         states.append(x)

@@ -13,7 +13,6 @@ from swingup.benchmark.boards import PERFORMANCE as BOARD
 from swingup.benchmark.grid import make_cases
 from swingup.benchmark.judge import judge
 from swingup.benchmark.plausibility import examine
-from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.runner import prepare
 from swingup.benchmark.score import score
 from swingup.controllers.registry import get_controller
@@ -22,6 +21,8 @@ from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.plant.robots import get_robot
 from swingup.plant.units import scaled, scales_of
 
+from .forged import REST, moved
+
 ACROBOT = get_robot("acrobot")
 B0 = load_plant("B.0").frictionless()
 PERFORMANCE = dataclasses.replace(BOARD, duration=0.1)
@@ -29,18 +30,6 @@ PERFORMANCE = dataclasses.replace(BOARD, duration=0.1)
 
 def hanging(x, t):
     return [0.0, 0.0]
-
-
-def pushing(x, t):
-    return [0.0, 1.0]
-
-
-def up(plant, upright=True):
-    """Ten seconds at rest, upright or with the second link level; time, states and torques."""
-    time = np.arange(0.0, 10.0, 0.002)
-    x = np.tile([np.pi, 0.0 if upright else np.pi / 2, 0.0, 0.0], (time.size, 1))
-    x[0] = 0.0
-    return Trajectory(time, x, np.zeros((time.size, 2)))
 
 
 def test_a_result_names_its_plant_and_the_ratio_of_its_torques():
@@ -54,7 +43,12 @@ def test_a_result_names_its_plant_and_the_ratio_of_its_torques():
 
 
 def test_torques_end_at_the_plants_limit():
-    assert np.abs(judge(pushing, "acrobot", PERFORMANCE, plant="cloudpendulum-rods").trajectory.u).max() == 0.13
+    assert (
+        np.abs(
+            judge(lambda x, t: [0.0, 1.0], "acrobot", PERFORMANCE, plant="cloudpendulum-rods").trajectory.u
+        ).max()
+        == 0.13
+    )
 
 
 def test_friction_that_one_step_of_rk4_cannot_hold_is_integrated_in_several():
@@ -68,16 +62,16 @@ def test_friction_that_one_step_of_rk4_cannot_hold_is_integrated_in_several():
 
 
 def test_lengths_decide_what_is_up():
-    # Upright, then the tip of C.1 is at 0.2 m of 0.5; B.0's is at 0.3 of 0.7: both below 0.9.
-    assert score(up(B0), "acrobot", plant=B0, force=True).successes
-    assert not score(up(B0, upright=False), "acrobot", plant=B0).successes
-    assert score(up(B0), "acrobot", plant=B0, force=True).runs[0].tip.reach == pytest.approx(0.7)
+    # Upright, or with the second link level: the tip of C.1 is then at 0.2 m of 0.5, B.0's at 0.3 of 0.7.
+    up, level = moved((np.pi, 0.0, 0.0)), moved((np.pi, 0.0, 0.0), (np.pi / 2, 0.0, 0.0))
+    assert score(up, "acrobot", plant=B0, force=True).successes
+    assert not score(level, "acrobot", plant=B0).successes
+    assert score(up, "acrobot", plant=B0, force=True).runs[0].tip.reach == pytest.approx(0.7)
 
 
 def test_a_recording_is_examined_by_its_plant():
     heavy = dataclasses.replace(B0, tl2=1.0)
-    rows = up(B0)
-    rows = Trajectory(rows.time, rows.x, np.tile([0.0, 2.0], (rows.time.size, 1)))
+    rows = dataclasses.replace(moved(REST), u=np.tile([0.0, 2.0], (5000, 1)))
     names = {each.name for each in examine(rows, ACROBOT, BOARD, heavy)}
     assert "torque_limit" in names
     assert "torque_limit" not in {each.name for each in examine(rows, ACROBOT, BOARD, B0)}

@@ -47,11 +47,7 @@ def test_the_batch_agrees_with_a_numpy_loop(picked, robot, criterion):
             continue
         with jax.enable_x64(True):
             noise = jax.vmap(lambda k, d=disturbance: step_noise(d, k, jnp.dtype(float)))(jnp.arange(rules.steps))
-        profile = np.stack(
-            [disturbance.pushes.centre, disturbance.pushes.width, disturbance.pushes.amplitude], axis=-1
-        )
-        pushes = [(joint, *push) for joint in range(2) for push in profile[joint].tolist()]
-        loop = float(disturbance.loop.response), int(disturbance.delay_steps), pushes
+        loop = float(disturbance.loop.response), int(disturbance.delay_steps), disturbance.pushes
         world = World(rules.steps, *loop, np.asarray(noise[0]), np.asarray(noise[1]))
         rows = closed_loop(p.values(), (robot.joint,), swinging, np.zeros(4), rules.dt, world)
         before, u = rows[-1, 1:5], rows[-1, 5:]
@@ -100,20 +96,6 @@ def test_scores_of_several_seeds():
     assert set(intervals) == {*RANDOM, "score"}
 
 
-def every_case(robot, rules=V2, seed=0):
-    return [case for criterion in CRITERIA for case in make_cases(robot, rules, criterion, seed)]
-
-
-def test_the_grid_has_722_simulations(robot):
-    cases = every_case(robot)
-    counts = {name: sum(case.criterion == name for case in cases) for name in CRITERIA}
-    assert counts == {
-        "model": 210, "velocity_noise": 210, "torque_noise": 210, "torque_response": 21, "delay": 21,
-        "perturbations": 50,
-    }  # fmt: skip
-    assert sum(counts.values()) == 722
-
-
 def test_model_errors_change_one_parameter_each(robot):
     nominal = LEADERBOARD.driven(robot).values()
     fields = {"m1r1": "r1", "m2r2": "r2"}
@@ -137,23 +119,21 @@ def test_model_errors_change_one_parameter_each(robot):
         ("velocity_noise", "velocity_noise", np.repeat(np.linspace(0, 0.5, 21), 10)),
         ("torque_noise", "torque_noise", np.repeat(np.linspace(0, 1.1, 21), 10)),
         ("torque_response", "response", np.linspace(0.1, 2.0, 21)),
-        ("delay", "delay_steps", range(21)),  # 0 to 0.04 s in steps of 0.002 s
+        # Rounded down in floating point, as the benchmark's int(delay / dt) is.
+        ("delay", "delay_steps", [int(value / 0.002) for value in np.linspace(0, 0.04, 21)]),
     ],
 )
 def test_sweeps(robot, criterion, field, values):
     cases = make_cases(robot, V2, criterion, 3)
     disturbances = [case.scenario.disturbance for case in cases]
     found = [getattr(each if criterion == "delay" else each.loop, field) for each in disturbances]
-    if criterion == "delay":
-        # Rounded down in floating point, as the benchmark's int(delay / dt) is.
-        assert found == [int(value / 0.002) for value in np.linspace(0, 0.04, 21)]
-    else:
-        np.testing.assert_allclose(found, values)
+    np.testing.assert_allclose(found, values)
     keys = {tuple(disturbance.noise) for disturbance in disturbances}
     assert len(keys) == (len(cases) if criterion in RANDOM else 1)
 
 
-def test_noise_differs_between_criteria_and_seeds(robot):
+def test_noise_differs_between_criteria_and_seeds_and_fifty_runs_have_pushes(robot):
+    assert len(make_cases(robot, V2, "perturbations", 0)) == 50
     keys = [
         tuple(case.scenario.disturbance.noise)
         for seed in (0, 1)
@@ -183,22 +163,17 @@ def test_pushes_keep_the_benchmarks_distribution():
     assert abs(first - 0.5) < 0.06
 
 
-@pytest.mark.parametrize(
-    ("text", "field", "expected"),
-    [
+def test_other_grids(robot):
+    changed = V2
+    for text, field, expected in (
         ("delay=0:0.02:5", "delay", Sweep(0.0, 0.02, 5, 1)),
         ("velocity_noise=0:1:3", "velocity_noise", Sweep(0.0, 1.0, 3, 10)),
         ("torque_noise=0.5:1:3:2", "torque_noise", Sweep(0.5, 1.0, 3, 2)),
-    ],
-)
-def test_other_grids(text, field, expected):
-    changed = change_grid(V2, text)
-    assert getattr(changed, field) == expected
-    assert changed.name == f"robustness {text}"
-
-
-def test_other_grids_of_the_model_and_of_pushes(robot):
-    changed = change_grid(change_grid(V2, "m1r1=0.5:1.5:3"), "perturbations=7")
+    ):
+        assert getattr(change_grid(V2, text), field) == expected
+        changed = change_grid(changed, text)
+    assert changed.name == "robustness delay=0:0.02:5 velocity_noise=0:1:3 torque_noise=0.5:1:3:2"
+    changed = change_grid(change_grid(changed, "m1r1=0.5:1.5:3"), "perturbations=7")
     assert changed.model["m1r1"].sweep == Sweep(0.5, 1.5, 3)
     assert len(make_cases(robot, changed, "perturbations", 0)) == 7
     assert len(make_cases(robot, changed, "model", 0)) == 210 - 21 + 3

@@ -55,13 +55,8 @@ def test_a_trial_agrees_with_a_numpy_loop(robot):
     found = judge(SWINGING, robot, rules, 1, seed=4, domain=FRICTION)
     limits, drawn = np.where(np.array(robot.actuation) > 0, 6.0, 0.5), BRIEF.trial_pushes(robot, 4)
     plant = load_plant("C.1").values() | {"tl1": limits[0], "tl2": limits[1]}
-    pushes = [
-        (joint, *push)
-        for joint in range(2)
-        for push in zip(drawn.centre[joint], drawn.width[joint], drawn.amplitude[joint], strict=True)
-    ]
     calm, rows = (
-        closed_loop(plant, (0, 1), swinging, np.zeros(4), 0.002, World(1000, pushes=each)) for each in ((), pushes)
+        closed_loop(plant, (0, 1), swinging, np.zeros(4), 0.002, World(1000, pushes=each)) for each in (None, drawn)
     )
     time, x = rows[:, 0], rows[:, 1:5]
     np.testing.assert_allclose(found.trajectory.x, x, rtol=1e-7, atol=1e-7)
@@ -146,23 +141,19 @@ def test_success():
 
 @pytest.mark.parametrize(
     ("row", "entry", "value"),
-    [(2000, 2, 20.1), (2000, 3, -20.1), (100, 1, 12.6), (4000, 0, 0.0), (4999, 0, 0.0)],
-    ids=["fast shoulder", "fast elbow", "turned", "down 8 s in", "down at the end"],
+    [(2000, 2, 20.1), (2000, 3, -20.1), (100, 1, 12.6), (4000, 0, 0.0), (4999, 0, 0.0), (3900, 0, 0.0)],
+    ids=["fast shoulder", "fast elbow", "turned", "down 8 s in", "down at the end", "down before the last 2 s"],
 )
 def test_failures(row, entry, value):
     def change(x, time):
         x[row, entry] = value
 
     run = verdict(change)
-    assert not run.success
-    assert run.score == 0.0
+    assert run.success == (row == 3900)
+    assert (run.score > 0.0) == run.success
 
 
-def test_down_before_the_last_two_seconds_is_no_failure():
-    def change(x, time):
-        x[3900, 0] = 0.0
-
-    assert verdict(change).success
+def test_a_fault_fails():
     assert not verdict(lambda x, time: None, "it gave up").success
 
 
@@ -198,11 +189,8 @@ def test_the_shipped_policies_swing_up_and_stay(either_robot):
 
 
 def test_wilsons_interval():
-    """(p + z²/2n ± z sqrt(p (1 - p)/n + z²/4n²)) / (1 + z²/n) with z = 1.96."""
-    z, n, p = 1.959963984540054, 100, 0.95
-    middle, reach = p + z * z / (2 * n), z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    expected = [(middle - reach) / (1 + z * z / n), (middle + reach) / (1 + z * z / n)]
-    assert share_interval(95, 100) == pytest.approx(expected)
+    # (0.95 + z²/200 ± z sqrt(0.0475/100 + z²/40,000)) / (1 + z²/100), z = 1.96: (0.9692 ± 0.0468) / 1.0384.
+    assert share_interval(95, 100) == pytest.approx((0.8882, 0.9785), abs=1e-4)
 
 
 def test_the_middle_half():
