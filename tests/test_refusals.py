@@ -23,6 +23,7 @@ from swingup.benchmark.grid import change_grid
 from swingup.benchmark.leaderboard import leaderboard
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import PushRules
+from swingup.benchmark.score import score
 from swingup.cli.plotting import plot_command
 from swingup.common.text import one_line, quoted
 from swingup.controllers.baselines.baselines import baseline, shipped_reference
@@ -155,6 +156,9 @@ TOGETHER = {
     "make it shorter": lambda: judge(HANGING, "acrobot", change_grid(ROBUSTNESS, "delay=0:5:3")),
     "m2 = -0.625568": lambda: judge(HANGING, "acrobot", change_grid(ROBUSTNESS, "m2=-1:1:3")),
     "velocity_noise = -1": lambda: judge(HANGING, "acrobot", change_grid(ROBUSTNESS, "velocity_noise=-1:1:3")),
+    "N of 3 or more": lambda: score(Trajectory(np.zeros(0), np.zeros((0, 4)), np.zeros((0, 2))), "acrobot"),
+    "shapes (3,), (2, 4) and (3, 2)": lambda: score(dataclasses.replace(STILL, x=np.zeros((2, 4))), "acrobot"),
+    "are not finite: end it": lambda: score(dataclasses.replace(STILL, u=HOLE.x[:, 2:]), "acrobot"),
     "unknown criterion": lambda: dataclasses.replace(ROBUSTNESS, criteria=("model", "speed")),
     "'ar-eapo': it has a plant of its own": lambda: get_controller("ar-eapo", "pendubot", plant="B.0"),
     "torque limit of 0": lambda: baseline("lqr", "acrobot", load_plant("B.0").changed(tl2=0.0)),

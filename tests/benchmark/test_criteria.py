@@ -5,7 +5,6 @@ from importlib import resources
 import numpy as np
 import pytest
 
-from refusals import refusal
 from swingup import benchmark
 from swingup.benchmark.board import Setting
 from swingup.benchmark.boards import BOARDS, PERFORMANCE
@@ -39,21 +38,24 @@ def test_five_rows_by_hand():
     q1 = [0.0, 1.0, 3.0, math.pi, math.pi]
     q2 = [0.0, -0.5, 0.1, 0.0, 0.2]
     x = np.array([q1, q2, [0, 2, 3, -1, 9], [1, 0, -2, 0, 9]]).T
-    u = np.array([[0, 0, 0, 0, 0], [2.0, -3, 1, -1, 5]]).T
+    u = np.array([[1, 0, 2, 2, 7], [2.0, -3, 1, -1, 5]]).T
     found = compute_criteria(time, x, u, L1, L2, rules(0.5))
     # Heights -0.2 cos q1 - 0.3 cos(q1 + q2): -0.5; -0.108 - 0.263; 0.198 + 0.3 = 0.498; 0.5; not looked at.
     # The line is 0.45, so that the tip is up from the third row on.
     assert found.success
     assert found.swingup_time == pytest.approx(0.2)
-    # |Δq2 u2| = 0.5*2, 0.6*3, 0.1*1, 0.2*1; the last row's torque moves nothing.
-    assert found.energy == pytest.approx(1.0 + 1.8 + 0.1 + 0.2)
-    # u² Δt = 4*0.1 + 9*0.1 + 1*0.2 + 1*0.1
-    assert found.torque_cost == pytest.approx(0.4 + 0.9 + 0.2 + 0.1)
-    # Δu = -5, 4, -2, 6: mean 0.75, mean square 81/4 = 20.25, variance 20.25 - 0.5625 = 19.6875 over the population.
-    assert found.torque_smoothness == pytest.approx(math.sqrt(19.6875))
+    # |Δq1 u1| = 1*1, 2*0, (π - 3)*2, 0*2; |Δq2 u2| = 0.5*2, 0.6*3, 0.1*1, 0.2*1; the last torques move nothing.
+    energy = 1.0 + 2 * (math.pi - 3) + 1.0 + 1.8 + 0.1 + 0.2
+    assert found.energy == pytest.approx(energy)
+    # u² Δt = 5*0.1 + 9*0.1 + 5*0.2 + 5*0.1
+    assert found.torque_cost == pytest.approx(0.5 + 0.9 + 1.0 + 0.5)
+    # Δu1 = -1, 2, 0, 5: mean 1.5, mean square 30/4, variance 7.5 - 2.25 = 5.25 over the population.
+    # Δu2 = -5, 4, -2, 6: mean 0.75, mean square 81/4 = 20.25, variance 20.25 - 0.5625 = 19.6875.
+    smoothness = math.sqrt(5.25) + math.sqrt(19.6875)
+    assert found.torque_smoothness == pytest.approx(smoothness)
     # q̇ᵀq̇ Δt = 1*0.1 + 4*0.1 + 13*0.2 + 1*0.1
     assert found.velocity_cost == pytest.approx(0.1 + 0.4 + 2.6 + 0.1)
-    ratios = [0.2 / 20, 3.1 / 60, 1.6 / 20, math.sqrt(19.6875) / 0.1, 3.2 / 400]
+    ratios = [0.2 / 20, energy / 60, 2.9 / 20, smoothness / 0.1, 3.2 / 400]
     assert found.score == pytest.approx(1 - sum(math.tanh(math.pi * ratio) for ratio in ratios) / 5)
 
 
@@ -100,73 +102,17 @@ def test_run_shorter_than_99_percent_fails(last, success):
     assert (found.score > 0) == success
 
 
-def judge_in_plain_loops(time, x, u, l1, l2, run):
-    """The definitions again, row by row."""
-    rows = len(time)
-    energy = torque_cost = velocity_cost = 0.0
-    for k in range(rows - 1):
-        dt = time[k + 1] - time[k]
-        for joint in (0, 1):
-            energy += abs((x[k + 1][joint] - x[k][joint]) * u[k][joint])
-            torque_cost += u[k][joint] ** 2 * dt
-            velocity_cost += x[k][2 + joint] ** 2 * dt
-    smoothness = 0.0
-    for joint in (0, 1):
-        changes = [u[k + 1][joint] - u[k][joint] for k in range(rows - 1)]
-        mean = sum(changes) / len(changes)
-        smoothness += math.sqrt(sum((change - mean) ** 2 for change in changes) / len(changes))
-    swingup_time = None
-    for k in range(rows - 2, 0, -1):
-        if -l1 * math.cos(x[k][0]) - l2 * math.cos(x[k][0] + x[k][1]) <= run.height * (l1 + l2):
-            break
-        swingup_time = time[k]
-    if time[-1] < 0.99 * run.duration:
-        swingup_time = None
-    criteria = (swingup_time, energy, torque_cost, smoothness, velocity_cost)
-    if swingup_time is None:
-        return criteria, 0.0
-    normalisers = (20, 60, 20, 0.1, 400)
-    penalties = [math.tanh(math.pi * value / n) for value, n in zip(criteria, normalisers, strict=True)]
-    return criteria, 1 - sum(penalties) / 5
-
-
-def test_random_runs_agree_with_plain_loops():
-    successes = 0
-    for seed in range(60):
-        generator = np.random.default_rng(seed)
-        rows = int(generator.integers(3, 60))
-        time = np.cumsum(generator.uniform(0.01, 0.3, rows)) - 0.3
-        x = generator.normal(0, [0.2, 0.2, 1, 1], (rows, 4))
-        # From a random row on it swings around upright, where the tip drops below the line now and then.
-        x[generator.integers(0, rows) :, 0] += np.pi
-        u = generator.normal(0, 0.05, (rows, 2))
-        run = rules(time[-1] * generator.choice([1.0, 1.05]))
-        expected, score = judge_in_plain_loops(time, x, u, L1, L2, run)
-        found = compute_criteria(time, x, u, L1, L2, run)
-        assert found.success == (expected[0] is not None)
-        for name, value in zip(NAMES, expected, strict=True):
-            assert getattr(found, name) == (None if value is None else pytest.approx(value, rel=1e-10))
-        assert found.score == pytest.approx(score, rel=1e-10)
-        successes += found.success
-    assert 10 < successes < 50
-
-
 PUBLISHED = {
     f"{row['robot']} {row['controller']}": row
     for row in csv.DictReader((resources.files(benchmark) / "published_performance.csv").read_text().splitlines())
 }
 """Criteria and scores as printed."""
-COARSE = ("acrobot TVLQR", "acrobot History SAC")
-"""Rows whose smoothness is printed with too few digits for a score to 0.002."""
 
 
 @pytest.mark.parametrize("row", PUBLISHED)
 def test_published_criteria_give_the_published_scores(row):
     *printed, score = (PUBLISHED[row][name] for name in (*NAMES, "score"))
     costs = [float(text) for text in printed]
-    if row not in COARSE:
-        found = realai_score(dict(zip(NAMES, costs, strict=True)), V2.normalisers)
-        assert found == pytest.approx(float(score), abs=0.002)
     # Whatever was rounded: the score falls with each criterion, so that their bounds bound it.
     half_units = [0.5 * 10.0 ** -len(text.partition(".")[2]) for text in printed]
     worst, best = (
@@ -176,16 +122,6 @@ def test_published_criteria_give_the_published_scores(row):
         for sign in (1, -1)
     )
     assert worst - 0.0005 <= float(score) <= best + 0.0005
-
-
-def test_score_of_nothing_of_everything_and_of_one_criterion_with_its_own_normaliser():
-    assert realai_score(dict.fromkeys(NAMES, 0.0), V2.normalisers) == 1.0
-    assert realai_score(dict.fromkeys(NAMES, 1e9), V2.normalisers) == pytest.approx(0.0, abs=1e-12)
-    # One criterion at its normaliser's value costs tanh(π) / 5 alone.
-    normalisers = Normalisers(2.0, 3.0, 5.0, 7.0, 11.0)
-    for name, value in zip(NAMES, (2.0, 3.0, 5.0, 7.0, 11.0), strict=True):
-        score = realai_score(dict.fromkeys(NAMES, 0.0) | {name: value}, normalisers)
-        assert score == pytest.approx(1 - math.tanh(math.pi) / 5)
 
 
 def test_rules_are_the_published_ones(robot):
@@ -213,13 +149,3 @@ def test_a_recording_with_pushes_is_scored_by_its_robots_normalisers(name, torqu
     # Swing-up at the second row, 0.01 s; no row has a velocity.
     costs = (0.01 / 20, energy / 60, 10 / torque, 2 / smooth, 0.0)
     assert found.score == pytest.approx(1 - sum(math.tanh(math.pi * cost) for cost in costs) / 5, rel=1e-9)
-
-
-def test_trajectories_that_cannot_be_scored():
-    rows = np.arange(5.0)
-    for named, given in {
-        "N of 3 or more": (np.zeros(0), np.zeros((0, 4)), np.zeros((0, 2))),
-        "shapes (5,), (4, 4) and (5, 2)": (rows, np.zeros((4, 4)), np.zeros((5, 2))),
-        "not finite": (rows, np.zeros((5, 4)), np.full((5, 2), np.nan)),
-    }.items():
-        assert named in refusal(score, Trajectory(*given), "acrobot")
