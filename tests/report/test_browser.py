@@ -233,6 +233,8 @@ def test_steps_are_pythons(page):
     for robot, acting in (("pendubot", [6, 0]), ("acrobot", [0, -6])):  # clipped, and none on passive joints
         rows = page.evaluate("(robot) => swingup.simulate(robot, [0, 0, 0, 0], 2, () => [9, -9])", robot)
         assert rows["u"][0] == acting
+    rows = page.evaluate("swingup.simulate('acrobot', [0, 0, 0, 0], 3, (x, t) => [0, t])")
+    assert rows["u"] == [[0, 0], [0, DT], [0, 2 * DT]]
 
 
 def test_the_closed_loop_is_pythons(page, either_robot):
