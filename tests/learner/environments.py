@@ -8,7 +8,9 @@ from gymnasium.vector.utils import batch_space
 
 
 class Stairs(gymnasium.Env):
-    """Observation: the steps so far, reward: the same; ends after three of them."""
+    """Observation: the steps so far, reward: the same, unless each pays the same; ends after three of them."""
+
+    ends, pays = 3, None
 
     def __init__(self, terminates=False):
         self.observation_space = Box(-np.inf, np.inf, (1,), np.float64)
@@ -23,9 +25,8 @@ class Stairs(gymnasium.Env):
     def step(self, action):
         assert self.action_space.contains(action)
         self.steps += 1
-        ended = self.steps == 3
-        observation = np.array([float(self.steps)])
-        return observation, float(self.steps), ended and self.terminates, ended and not self.terminates, {}
+        ended, reward = self.steps == self.ends, float(self.steps if self.pays is None else self.pays)
+        return np.array([float(self.steps)]), reward, ended and self.terminates, ended and not self.terminates, {}
 
 
 class Noisy(gymnasium.Env):
@@ -48,11 +49,7 @@ class Noisy(gymnasium.Env):
 
 
 class Endless(Stairs):
-    """Stairs that never end and pay 2 a step."""
-
-    def step(self, action):
-        observation, *_, infos = super().step(action)
-        return observation, 2.0, False, False, infos
+    ends, pays = None, 2.0
 
 
 class Failing(Noisy):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from areapo.test_probes import values
+from areapo.test_probes import softmax_policy, values
 from swingup.areapo.config import Config
 from swingup.areapo.initial import begin_episodes, init_learner
 from swingup.learner import host_collection as host
@@ -22,13 +22,13 @@ SMALL = Config(
 )  # fmt: skip
 
 
-def learn(kind, mode, **changes):
-    """Train with a high learning rate, then with a low one to settle; the metrics are the mean of the last part."""
+def learn(mode, temperature):
+    """Train on a cycle, at a high learning rate, then at a low one to settle; the metrics are the last part's."""
     # Many environments and few steps: the host pays by the step.
-    config = Config(**(vars(SMALL) | {"num_envs": 64, "num_steps": 8} | changes))
+    config = Config(**(vars(SMALL) | {"num_envs": 64, "num_steps": 8, "temperature": temperature}))
     fine = Config(**(vars(config) | {"learning_rate": config.learning_rate / 10, "gain_step_size": 0.01}))
-    env = Chain(config.num_envs, kind, mode)
-    first, second = (HostBackend(env, kind, c, [0], 0) for c in (config, fine))
+    env = Chain(config.num_envs, "cycle", mode)
+    first, second = (HostBackend(env, "cycle", c, [0], 0) for c in (config, fine))
     state = first.begin(first.init(), 0)
     state, _ = first.train(state, 120)
     state, _ = second.train(second.begin(state, 120), 50)
@@ -41,11 +41,9 @@ def learn(kind, mode, **changes):
 def test_gain_bias_and_policy_of_a_cycle(mode):
     # As without the choice ρ = 1 and v(1) - v(0) = 1; the choice adds softmax((0, 1, 2) / τ), whose soft gain is
     # τ log(1 + e^(1/τ) + e^(2/τ)). The time limit after 9 steps shows in the reward collected, not in the gain.
-    temperature = 0.4
-    weights = np.exp(np.arange(3) / temperature)
-    best = weights / weights.sum()
-    state, row = learn("cycle", mode, temperature=temperature)
-    assert row["gain"] + row["entropy_gain"] == pytest.approx(1.0 + temperature * np.log(weights.sum()), rel=0.02)
+    best, objective = softmax_policy([0.0, 1.0, 2.0], 0.4)
+    state, row = learn(mode, 0.4)
+    assert row["gain"] + row["entropy_gain"] == pytest.approx(1.0 + objective, rel=0.02)
     assert row["gain"] == pytest.approx(1.0 + best @ [0, 1, 2], rel=0.02)
     assert row["reward"] == pytest.approx(8 / 9 + best @ [0, 1, 2], rel=0.02)
     stage = state.statistics.stage()
@@ -58,25 +56,14 @@ def test_gain_bias_and_policy_of_a_cycle(mode):
     assert row["episode_return"] == pytest.approx(9 * row["reward"], rel=0.02)
 
 
-@pytest.mark.slow  # what a termination costs in a rollout has default tests
-@pytest.mark.parametrize("mode", [AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP])
-def test_a_termination_costs_and_goes_on_from_a_new_start(mode):
-    # Uniform choices (no reward difference would do; here a high temperature): the walk pays 1 + E[choice] a step,
-    # and 10 at its end after four: ρ = 1 + E - 10 / 4 and v(k+1) - v(k) = ρ - (1 + E) = -2.5.
-    state, row = learn("walk", mode, temperature=0.8)
-    weights = np.exp(np.arange(3) / 0.8)
-    mean_choice = weights @ [0, 1, 2] / weights.sum()
-    assert row["gain"] == pytest.approx(1.0 + mean_choice - 2.5, abs=0.02)
-    np.testing.assert_allclose(np.diff(values(state, [0.0, 1.0, 2.0, 3.0])[:, 0]), -2.5, rtol=0.03)
-
-
 TINY = Config(num_envs=2, num_steps=16, num_epochs=1, batch_size=32, policy_layers=(8,), value_layers=(8,))
 
 
+@pytest.mark.parametrize("terminates", [False, True])
 @pytest.mark.parametrize("mode", [AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP])
-def test_a_rollout_holds_what_the_actor_saw_and_did(mode):
+def test_a_rollout_holds_what_the_actor_saw_and_did(mode, terminates):
     config = Config(**(vars(SMALL) | {"num_envs": 3, "num_steps": 10, "batch_size": 30}))
-    environments = make_environments(SyncVectorEnv([Stairs] * 3, autoreset_mode=mode), 3)
+    environments = make_environments(SyncVectorEnv([lambda: Stairs(terminates)] * 3, autoreset_mode=mode), 3)
     state = jax.jit(init_learner, static_argnums=1)(jax.random.key(0), environments.spaces, config)
     state = begin_episodes(state, environments.reset(0))
     after, rollout = collect_on_host(state, environments, config)
@@ -87,10 +74,12 @@ def test_a_rollout_holds_what_the_actor_saw_and_did(mode):
     # Where nothing ended the next observation is the next row's.
     following = np.concatenate([rollout.observations[1:], np.asarray(after.observations)[None]])
     same = np.isclose(rollout.next_observations, following, atol=1e-6)[..., 0]
-    np.testing.assert_array_equal(same, ~rollout.truncated)
+    ended, never = (rollout.terminated, rollout.truncated)[:: 1 if terminates else -1]
+    assert not never.any()
+    np.testing.assert_array_equal(same, ~ended)
     # Episodes of three steps, and in one mode a row for the reset.
     every = 3 if mode is AutoresetMode.SAME_STEP else 4
-    np.testing.assert_array_equal(np.flatnonzero(rollout.truncated[:, 0]), np.arange(2, 10, every))
+    np.testing.assert_array_equal(np.flatnonzero(ended[:, 0]), np.arange(2, 10, every))
     if mode is AutoresetMode.NEXT_STEP:
         np.testing.assert_array_equal(np.flatnonzero(rollout.counted[:, 0] == 0), [3, 7])
     # 11 batches of three: the reset and ten steps.

@@ -41,15 +41,19 @@ def run(folder, iterations, settings=SETTINGS):
     return training, list(training.advance())
 
 
+def assert_same_arrays(one, other):
+    left, right = load_file(one), load_file(other)
+    assert left.keys() == right.keys()
+    for name in left:
+        np.testing.assert_array_equal(left[name], right[name], err_msg=f"{other} {name}")
+
+
 def assert_same_files(one, other):
     assert {path.name for path in one.glob("*.safetensors")} == {path.name for path in other.glob("*.safetensors")}
     names = sorted(path.name for path in (one / "checkpoints").iterdir())
     assert names == sorted(path.name for path in (other / "checkpoints").iterdir())
     for name in [*(f"checkpoints/{name}" for name in names), "best.safetensors", "last.safetensors"]:
-        left, right = load_file(one / name), load_file(other / name)
-        assert left.keys() == right.keys()
-        for key in left:
-            np.testing.assert_array_equal(left[key], right[key], err_msg=f"{name} {key}")
+        assert_same_arrays(one / name, other / name)
 
 
 def measured(folder):
@@ -143,11 +147,8 @@ def test_stopped_within_a_chunk_and_resumed(finished, tmp_path, monkeypatch):
     assert [report.frames for report in training.advance()] == [FRAMES]
     list(resume_run(tmp_path / "part").advance())
     # The best policy may be that of the further evaluation.
-    whole, resumed = (
-        load_file(each / "checkpoints/000000000640.safetensors") for each in (folder, tmp_path / "part")
-    )
-    for key in whole:
-        np.testing.assert_array_equal(whole[key], resumed[key], err_msg=key)
+    last = "checkpoints/000000000640.safetensors"
+    assert_same_arrays(folder / last, tmp_path / "part" / last)
 
 
 @pytest.mark.parametrize(("at", "kept"), [(None, 0), (6, 4)])
@@ -221,14 +222,13 @@ def test_seeds_side_by_side(tmp_path, monkeypatch):
     list(resume_run(tmp_path / "part").advance())
     list(resume_run(tmp_path / "part", 4 * FRAMES).advance())
     for file in ("best", "best-3", "best-4", "last-3", "last-4"):
-        left, right = (load_file(tmp_path / name / f"{file}.safetensors") for name in ("r", "part"))
-        for name in left:
-            np.testing.assert_array_equal(left[name], right[name])
+        assert_same_arrays(*(tmp_path / name / f"{file}.safetensors" for name in ("r", "part")))
 
 
 def test_divergence_keeps_the_last_good_checkpoint(tmp_path):
     training, _ = run(tmp_path / "r", 4)
-    good = load_file(tmp_path / "r" / "checkpoints" / "000000000256.safetensors")
+    checkpoints, good = tmp_path / "r" / "checkpoints", tmp_path / "good.safetensors"
+    shutil.copy(checkpoints / "000000000256.safetensors", good)
     # What a NaN in the weights does, without waiting for one.
     resumed = resume_run(tmp_path / "r", 8 * FRAMES)
     broken = jax.tree.map(
@@ -236,11 +236,7 @@ def test_divergence_keeps_the_last_good_checkpoint(tmp_path):
     )
     resumed.progress = dataclasses.replace(resumed.progress, state=broken)
     assert "metrics are not finite after frame 256" in refusal(list, resumed.advance())
-    assert [path.name for path in sorted((tmp_path / "r" / "checkpoints").iterdir())][
-        -1
-    ] == "000000000256.safetensors"
-    after = load_file(tmp_path / "r" / "checkpoints" / "000000000256.safetensors")
-    assert all(np.array_equal(good[name], after[name]) for name in good)
+    assert_same_arrays(good, max(checkpoints.iterdir()))
     assert resume_run(tmp_path / "r").frames == training.frames
 
 
