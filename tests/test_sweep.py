@@ -16,7 +16,6 @@ import pytest
 
 import swingup
 from refusals import refusal
-from sweep_jobs import die, sleep
 from swingup.areapo.config import format_value
 from swingup.cli import main
 from swingup.cli.sweeping import _alternatives
@@ -128,16 +127,11 @@ def test_a_run_that_fails_does_not_stop_the_others(tmp_path, monkeypatch):
     assert len(closed) == 2
 
 
-def test_what_an_executor_raises_is_an_outcome(tmp_path):
-    class GivesUp(ThreadPoolExecutor):
-        def submit(self, function, job):  # as Dask does with a job that has killed several workers
-            raised = Future()
-            raised.set_exception(KeyError("killed"))
-            return raised
-
-    with GivesUp(1) as executor:
-        (row,) = run_jobs(jobs_of(tmp_path), executor)
-    assert row == {"error": "KeyError: 'killed'"}
+def test_what_an_executor_raises_is_an_outcome(tmp_path, monkeypatch):
+    raised = Future()
+    raised.set_exception(KeyError("killed"))  # as Dask does with a job that has killed several workers
+    monkeypatch.setattr(ThreadPoolExecutor, "submit", lambda *_: raised)
+    assert inline(jobs_of(tmp_path)) == [{"error": "KeyError: 'killed'"}]
 
 
 def test_folders_that_are_left_alone(tmp_path, monkeypatch):
@@ -156,7 +150,7 @@ def test_folders_that_are_left_alone(tmp_path, monkeypatch):
 
 def test_local_workers_die_alone_and_end_with_an_interrupt():
     with workers_for(count=2) as (executor, _):
-        dead, alive = executor.submit(die), executor.submit(abs, -3)
+        dead, alive = executor.submit(signal.raise_signal, signal.SIGKILL), executor.submit(abs, -3)
         assert alive.result() == 3
         assert "abruptly" in str(dead.exception())
         assert executor.submit(abs, -4).result() == 4
@@ -164,7 +158,7 @@ def test_local_workers_die_alone_and_end_with_an_interrupt():
 
     def interrupted():
         with workers_for(count=1) as (executor, _):
-            futures.extend(executor.submit(sleep, 600) for _ in range(3))
+            futures.extend(executor.submit(time.sleep, 600) for _ in range(3))
             while not multiprocessing.active_children():
                 time.sleep(0.01)
             raise KeyboardInterrupt
