@@ -94,21 +94,11 @@ def test_density_integrates_to_one(mean, log_std):
         assert integral == pytest.approx(1.0, abs=1e-9)
 
 
-def test_entries_are_independent():
-    distribution = BoundedGaussian(np.float32([0.3, -0.5]), np.float32([-1.0, 0.2]))
-    z = np.float32([0.1, 0.4])
-    parts = [BoundedGaussian(distribution.mean[i : i + 1], distribution.log_std[i : i + 1]) for i in (0, 1)]
-    total = sum(float(log_prob(part, z[i : i + 1])) for i, part in enumerate(parts))
-    assert log_prob(distribution, z) == pytest.approx(total, rel=1e-6)
-
-
 def test_log_prob_of_numbers_by_hand():
-    # Standard normal at z = 0: log N = -log sqrt(2π); tanh has slope 1 there.
-    distribution = BoundedGaussian(np.zeros(1, np.float32), np.zeros(1, np.float32))
-    assert log_prob(distribution, np.float32([0])) == pytest.approx(-0.5 * np.log(2 * np.pi), rel=1e-6)
-    # At z = 1 log N falls by 1/2 and the slope is 1 - tanh(1)².
-    expected = -0.5 * np.log(2 * np.pi) - 0.5 - np.log(1 - np.tanh(1.0) ** 2)
-    assert log_prob(distribution, np.float32([1])) == pytest.approx(expected, rel=1e-6)
+    # Standard normals at z = 0 and 1: log N = -log sqrt(2π) - z² / 2; the slopes of tanh are 1 and 1 - tanh(1)².
+    pair = BoundedGaussian(np.zeros(2, np.float32), np.zeros(2, np.float32))
+    expected = -np.log(2 * np.pi) - 0.5 - np.log(1 - np.tanh(1.0) ** 2)
+    assert log_prob(pair, np.float32([0, 1])) == pytest.approx(expected, rel=1e-6)
     # A clipped action has the density of z.
     clipped = BoundedGaussian(np.zeros(1, np.float32), np.zeros(1, np.float32), "clip")
     assert log_prob(clipped, np.float32([2])) == pytest.approx(-0.5 * np.log(2 * np.pi) - 2.0, rel=1e-6)
