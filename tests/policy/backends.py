@@ -34,10 +34,7 @@ class Jax:
             torques = np.asarray(act(np.where(finite[:, None], states, 0.0)))
         return np.where(finite, torques, np.nan)
 
-    def run(self, times, states):
-        return replay(self._whole, times, states)
-
-    def follow(self, times, states, given):
+    def run(self, times, states, given=None):
         return replay(self._whole, times, states, given)
 
 
@@ -49,16 +46,13 @@ class Numpy:
     def alone(self, states):
         return np.array([self._alone(x) for x in states])
 
-    def run(self, times, states):
-        self.controller.reset()
-        return np.array([self.controller(x, t) for x, t in zip(states, times, strict=True)])
-
-    def follow(self, times, states, given):
+    def run(self, times, states, given=None):
         self.controller.reset()
         inner, joint, torques = self.controller.inner, self.controller.robot.joint, []
-        for x, t, u in zip(states, times, given, strict=True):
+        for k, (x, t) in enumerate(zip(states, times, strict=True)):
             torques.append(self.controller(x, t))
-            inner.state.torques[0], inner.state.identified.torques[0] = u[joint], u
+            if given is not None:
+                inner.state.torques[0], inner.state.identified.torques[0] = given[k, joint], given[k]
         return np.array(torques)
 
 
@@ -71,11 +65,8 @@ class C:
     def alone(self, states):
         return compiled.torques(self._library, np.ascontiguousarray(states))
 
-    def run(self, times, states):
-        return compiled.run(self._library, np.ascontiguousarray(times), np.ascontiguousarray(states))
-
-    def follow(self, times, states, given):
-        return compiled.follow(self._library, *map(np.ascontiguousarray, (times, states, given)))
+    def run(self, times, states, *given):
+        return compiled.run(self._library, *map(np.ascontiguousarray, (times, states, *given)))
 
 
 class Onnx:
@@ -150,9 +141,9 @@ class BackEnd:
     make: Callable
     """From a policy and a folder to what has ``alone(states)`` and, if it is whole, ``run(times, states)``.
 
-    What has an identifier also has ``follow(times, states, given)``, a run whose motors were given these torques.
-    In a replay, which does not follow the torques, a compensation too strong would look like friction of that
-    strength: rounding would grow.
+    ``run(times, states, given)`` is one whose motors were given these torques, for what has an identifier. In a
+    replay, which does not follow the torques, a compensation too strong would look like friction of that strength:
+    rounding would grow.
     """
     whole: bool
     """Whether estimator and regulator are inside; else the table compares the policy alone, on the same states."""

@@ -24,9 +24,6 @@ needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not i
 DRIVER = """
 #include "policy.h"
 
-void torques(int n, const double *x, double *u);
-void run(int n, const double *t, const double *x, double *u);
-
 void torques(int n, const double *x, double *u)
 {
     int k;
@@ -35,52 +32,24 @@ void torques(int n, const double *x, double *u)
     }
 }
 
-void run(int n, const double *t, const double *x, double *u)
+const char *watch(
+    int n, const double *t, const double *x, const double *given, double *u, int *reasons, double *fault)
 {
     swingup_controller controller;
-    int k;
-    swingup_reset(&controller);
-    for (k = 0; k < n; k++) {
-        swingup_control(&controller, t[k], x + 4 * k, u + 2 * k);
-    }
-}
-"""
-
-FOLLOW = (
-    DRIVER
-    + """
-void follow(int n, const double *t, const double *x, const double *given, double *u);
-
-void follow(int n, const double *t, const double *x, const double *given, double *u)
-{
-    swingup_controller controller;
-    int k;
-    swingup_reset(&controller);
-    for (k = 0; k < n; k++) {
-        swingup_control(&controller, t[k], x + 4 * k, u + 2 * k);
-        controller.estimator.torques[0] = given[2 * k + SWINGUP_DRIVEN];
-        controller.estimator.identifier.torques[0][0] = given[2 * k];
-        controller.estimator.identifier.torques[0][1] = given[2 * k + 1];
-    }
-}
-"""
-)
-"""For a header with an identifier: the motors were given other torques than the controller's."""
-
-WATCH = """
-#include "policy.h"
-
-const char *watch(int n, const double *t, const double *x, double *u, int *reasons, double *fault);
-
-const char *watch(int n, const double *t, const double *x, double *u, int *reasons, double *fault)
-{
-    static swingup_controller controller;
     int k;
     swingup_reset(&controller);
     for (k = 0; k < n; k++) {
         swingup_control(&controller, t[k], x + 4 * k, u + 2 * k);
         reasons[k] = swingup_guard_reason(&controller);
+#if SWINGUP_HAS_IDENTIFIER
+        if (given) {
+            controller.estimator.torques[0] = given[2 * k + SWINGUP_DRIVEN];
+            controller.estimator.identifier.torques[0][0] = given[2 * k];
+            controller.estimator.identifier.torques[0][1] = given[2 * k + 1];
+        }
+#endif
     }
+    (void)given;
     fault[0] = controller.guard.joint;
     fault[1] = controller.guard.when;
     fault[2] = controller.guard.value;
@@ -92,7 +61,7 @@ const char *watch(int n, const double *t, const double *x, double *u, int *reaso
 def compile_header(folder, text, *flags):
     """The shared library of a header's text."""
     (folder / "policy.h").write_text(text, encoding="utf-8")
-    return compile_program(folder, FOLLOW if "HAS_IDENTIFIER 1" in text else DRIVER, *flags)
+    return compile_program(folder, DRIVER, *flags)
 
 
 def compile_program(folder, text, *flags):
@@ -133,31 +102,23 @@ def torques(library, states):
     return u
 
 
-def run(library, times, states):
-    """The controller's torques (n, 2) from its reset on."""
-    u = np.empty((len(states), 2))
-    library.run(len(states), pointer(times), pointer(states), pointer(u))
-    return u
+def run(library, times, states, given=None):
+    """The controller's torques (n, 2) from its reset on; its motors may be given others, within their limits."""
+    return watch(library, times, states, given)[0]
 
 
-def follow(library, times, states, given):
-    """The same while the motors are given other torques (n, 2), within their limits."""
-    u = np.empty((len(states), 2))
-    library.follow(len(states), *map(pointer, (times, states, given, u)))
-    return u
-
-
-def watch(library, times, states):
-    """A guarded controller's torques (n, 2), its guard's reasons (n,), [joint, time, value] and the sentence."""
+def watch(library, times, states, given=None):
+    """The same, its guard's reasons (n,), [joint, time, value] and the sentence."""
     u, reasons, fault = np.empty((len(states), 2)), np.zeros(len(states), np.int32), np.empty(3)
     library.watch.restype = ctypes.c_char_p
-    rows = (times, states, u)
-    said = library.watch(len(states), *map(pointer, rows), reasons.ctypes.data_as(ctypes.c_void_p), pointer(fault))
+    others = None if given is None else pointer(given)
+    rows = pointer(times), pointer(states), others, pointer(u), pointer(reasons, np.int32), pointer(fault)
+    said = library.watch(len(states), *rows)
     return u, reasons, fault, said.decode()
 
 
-def pointer(array):
+def pointer(array, dtype=np.float64):
     """An array for C."""
     assert array.flags.c_contiguous
-    assert array.dtype == np.float64
+    assert array.dtype == dtype
     return array.ctypes.data_as(ctypes.c_void_p)

@@ -62,23 +62,11 @@ def pause(seconds):
     return change
 
 
-def stop_clock(times, states):
-    times[AT:] = times[AT]
-
-
-def rest(times, states):
-    states[:] = 0.0
-
-
-def nothing(times, states):
-    pass
-
-
 # What is done to the calm motion; the reason, the joint and the call of the stop. A gap ends when its time exceeds
 # 0.021 s, in the 11th call that is not finite or repeats.
 FAULTS = {
-    "nothing": (nothing, Reason.NONE, -1, None),
-    "rest": (rest, Reason.NONE, -1, None),
+    "nothing": (lambda times, states: None, Reason.NONE, -1, None),
+    "rest": (lambda times, states: states.fill(0.0), Reason.NONE, -1, None),
     "NaN": (put(0, np.nan), Reason.NONE, -1, None),
     "NaN for long": (put(0, np.nan, 11), Reason.NOT_FINITE, 0, AT + 10),
     "infinite velocity": (put(3, -np.inf, 11), Reason.NOT_FINITE, 1, AT + 10),
@@ -94,7 +82,7 @@ FAULTS = {
     "pause": (pause(0.0195), Reason.LATE, -1, AT),
     "short pause": (pause(0.017), Reason.NONE, -1, None),
     "clock backward": (pause(-0.01), Reason.CLOCK, -1, AT),
-    "clock stops": (stop_clock, Reason.CLOCK, -1, AT + 11),
+    "clock stops": (lambda times, states: times[AT:].fill(times[AT]), Reason.CLOCK, -1, AT + 11),
     "NaN of the clock": (pause(np.nan), Reason.CLOCK, -1, AT),
 }
 
@@ -148,9 +136,8 @@ def in_c(tmp_path_factory):
 
     def make(name):
         if name not in kept:
-            folder = tmp_path_factory.mktemp("c")
-            (folder / "policy.h").write_text(c_header(guarded(name, **BRAKING)), encoding="utf-8")
-            kept[name] = compiled.compile_program(folder, compiled.WATCH)
+            text = c_header(guarded(name, **BRAKING))
+            kept[name] = compiled.compile_header(tmp_path_factory.mktemp("c"), text)
         return kept[name]
 
     return make

@@ -51,12 +51,12 @@ def test_clocks_that_count_from_an_epoch(name, tmp_path):
     times, states, expected = numpy_run(name, BINARY)
     given = within(name, expected)
     numpys, cs = (BACK_ENDS[each].make(policy(name), tmp_path) for each in ("numpy", "c"))
-    torques = cs.follow(times, states, given)
+    torques = cs.run(times, states, given)
     for epoch in EPOCHS:
         np.testing.assert_array_equal(numpy_run(name, BINARY, epoch)[2], expected)
-        np.testing.assert_array_equal(cs.follow(times + epoch, states, given), torques)
+        np.testing.assert_array_equal(cs.run(times + epoch, states, given), torques)
         rounded = (DT * np.arange(len(times)) + epoch, states, given)
-        np.testing.assert_allclose(cs.follow(*rounded), numpys.follow(*rounded), rtol=0, atol=1e-6)
+        np.testing.assert_allclose(cs.run(*rounded), numpys.run(*rounded), rtol=0, atol=1e-6)
 
 
 @ONE
