@@ -14,7 +14,7 @@ from swingup.plant.equations import friction, lump
 from swingup.plant.maths import NUMPY
 from swingup.plant.plant import load_plant
 from swingup.policy.identifier import core
-from swingup.policy.identifier.compensation import LEAST_GAIN, Load, compensation
+from swingup.policy.identifier.compensation import Load, compensation
 from swingup.policy.identifier.settings import GAIN, IdentifierSettings, offsets, prior
 from swingup.policy.identifier.state import make_loop
 from swingup.policy.plant_facts import policy_plant
@@ -35,40 +35,31 @@ LOADED = IdentifierSettings(load_deviation=0.05, spring_deviation=0.02)
         (0.8, 0.5, 1.25, 0.8),
         # Of a weak one 1/0.6 of the friction is asked, and half of the friction remains.
         (0.3, 0.5, 1 / 0.6, 0.3),
-        (0.0, 0.5, 1 / 0.6, 0.0),
         (-0.2, 0.5, 1 / 0.6, 0.0),
         (1.0, 0.0, 0.0, 1.0),
     ],
 )
-def test_the_undriven_joints_compensation(gain, limit, asks, delivered):
-    """The acrobot's shoulder: b = 0.02 and cf = 0.3."""
-    asked, left, _ = compensation(FOUND, gain, 1, limit, max)
-    assert (asked.damping[0], asked.coulomb[0]) == pytest.approx((0.02 * asks, 0.3 * asks))
+def test_compensation_by_hand(gain, limit, asks, delivered):
+    """Asked, left and predicted with: (b1, b2), (cf1, cf2). No motor is asked for negative friction."""
     rest = 1 - asks * delivered
-    assert (left.damping[0], left.coulomb[0]) == pytest.approx((0.02 * rest, 0.3 * rest))
-    # The elbow's motor delivers what it is asked for; negative friction is not compensated.
-    assert (asked.damping[1], asked.coulomb[1]) == (0.1, 0.0)
-    assert (left.damping[1], left.coulomb[1]) == (0.0, -0.06)
+    acrobots = [
+        ((0.02 * asks, 0.1), (0.3 * asks, 0.0)),
+        ((0.02 * rest, 0.0), (0.3 * rest, -0.06)),
+        # The driven motor's torque is counted: all of that joint's friction is predicted with.
+        ((0.02 * rest, 0.1), (0.3 * rest, 0.0)),
+    ]
+    pendubots = [
+        ((0.02, 0.1 * asks), (0.3, 0.0)),
+        ((0.0, 0.1 * rest), (0.0, -0.06)),
+        ((0.02, 0.1 * rest), (0.3, 0.0)),
+    ]
+    for joint, expected in enumerate((pendubots, acrobots)):
+        np.testing.assert_allclose(compensation(FOUND, gain, joint, limit, max), expected, rtol=1e-9, atol=1e-15)
 
 
-def test_the_pendubots_elbow_is_undriven():
-    asked, left, _ = compensation(FOUND, 0.75, 0, 0.5, max)
-    assert asked.damping == pytest.approx((0.02, 0.1 / 0.75))
-    assert asked.coulomb == (0.3, 0.0)
-    assert left.damping == pytest.approx((0.0, 0.0))
-    assert left.coulomb == (0.0, -0.06)
-    assert LEAST_GAIN < 0.75
-
-
-def test_negative_friction_is_neither_compensated_nor_predicted_nor_is_the_compensated_part():
-    asked, left, _ = compensation(Friction((-0.02, 0.1), (-0.3, 0.06)), 1.0, 1, 0.5, max)
-    assert asked == Friction((0.0, 0.1), (0.0, 0.06))
-    assert left == Friction((-0.02, 0.0), (-0.3, 0.0))
-    # Without a motor at the undriven joint, all of its friction stays; one that delivers all leaves none.
-    assert compensation(FOUND, 1.0, 0, 0.0, max).predicted == Friction((0.02, 0.1), (0.3, 0.0))
-    assert compensation(FOUND, 1.0, 0, 0.5, max).predicted == Friction((0.02, 0.0), (0.3, 0.0))
-    # Of a shoulder whose motor delivers 0.3 of 1/0.6, a half.
-    assert compensation(FOUND, 0.3, 1, 0.5, max).predicted == Friction((0.01, 0.1), (0.15, 0.0))
+def test_negative_friction_of_the_undriven_joint_stays():
+    found = compensation(Friction((-0.02, 0.1), (-0.3, 0.06)), 1.0, 1, 0.5, max)
+    assert found[:2] == (((0.0, 0.1), (0.0, 0.06)), ((-0.02, 0.0), (-0.3, 0.0)))
 
 
 def test_offsets_are_bounded():

@@ -201,7 +201,10 @@ def test_a_folded_policy_is_written_with_its_own_metadata(file):
     assert found.metadata["command"] == policy.metadata["command"]
 
 
-PENDULUM, NORMALISE, PLANT = {"name": "pendulum"}, {"name": "normalise"}, write_plant(MINE)
+PENDULUM, NORMALISE, SIGHT, PLANT = (
+    *({"name": name} for name in ("pendulum", "normalise", "plant")),
+    write_plant(MINE),
+)
 BAD_FILES = {
     "a 'swingup checkpoint' file": {"format": "swingup checkpoint"},
     "unknown activation 'step': use one of relu, tanh": {"activation": "step"},
@@ -218,6 +221,11 @@ BAD_FILES = {
     # A float64 weight of 1e300 is finite until the network takes it.
     "network.mean.bias holds values that are not finite": {"network.mean.bias": np.array([1e300])},
     "or a layer may reach 1e+30: train another": {"network.mean.weight": np.full((1, 256), 1e35, np.float32)},
+    "stage 'plant' lacks its array scale": {"observation": [PENDULUM, SIGHT], "observation.1.centre": np.zeros(9)},
+    "shapes (8,) and (9,), the base parameters (9,)": {
+        "observation": [PENDULUM, SIGHT], "observation.1.centre": np.zeros(8), "observation.1.scale": np.ones(9),
+    },
+    "unknown plant stage setting 'epsilon': use one of clip": {"observation": [PENDULUM, SIGHT | {"epsilon": 1}]},
     "lacks metadata plant": {"plant": None},
     "plant 'C.1' is not an object of parameters": {"plant": "C.1"},
     "unknown plant parameter 'm3': use one of m1, m2": {"plant": {**PLANT, "m3": 1.0}},
@@ -231,7 +239,7 @@ BAD_FILES = {
     "leave = 1 is below enter = 2": {"regulator": {"enter": 2, "leave": 1}},
     "guard setting velocity_limit = -1: use a number from 1e-06": {"guard": {"velocity_limit": -1}},
     "longest_gap = 0.001 is below dt = 0.002: raise it": {"guard": {"longest_gap": 0.001}},
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("named", BAD_FILES)
@@ -243,20 +251,3 @@ def test_bad_files(tmp_path, named):
     text = refusal(read_pendulum_policy, path)
     assert named in text
     assert str(path) in text
-
-
-SIGHT = {"name": "plant"}
-BAD_SIGHTS = {
-    "stage 'plant' lacks its array scale": ([PENDULUM, SIGHT], {"scale": None}),
-    "shapes (8,) and (9,), the base parameters (9,)": ([PENDULUM, SIGHT], {"centre": np.zeros(8)}),
-    "unknown plant stage setting 'epsilon': use one of clip": ([PENDULUM, SIGHT | {"epsilon": 1}], {}),
-}
-
-
-@pytest.mark.parametrize("named", BAD_SIGHTS)
-def test_bad_stages_of_the_plant(file, tmp_path, named):
-    file()
-    stages, arrays = BAD_SIGHTS[named]
-    changes = {f"observation.1.{name}": array for name, array in arrays.items()}
-    change_file(tmp_path / "p.safetensors", {"observation": stages}, changes)
-    assert named in refusal(read_pendulum_policy, tmp_path / "p.safetensors")

@@ -29,56 +29,40 @@ PI = np.pi
 
 
 @pytest.mark.parametrize(
-    ("x", "expected"),
-    # [(q1 mod 2π - π)/π, (q2 mod 2π - π)/π, dq1/20, dq2/20], velocities clipped to ±20 rad/s.
+    ("angles", "x", "expected"),
     [
-        ((0, 0, 0, 0), (-1, -1, 0, 0)),  # hanging: 0 - π
-        ((PI, 0, 0, 0), (0, -1, 0, 0)),  # upright
-        ((PI / 2, 3 * PI / 2, 5, -10), (-0.5, 0.5, 0.25, -0.5)),
-        ((-PI / 2, 2.5 * PI, 20, -20), (0.5, -0.5, 1, -1)),  # 3π/2 - π, and π/2 - π
-        ((-PI, 7 * PI, 30, -1e4), (0, 0, 1, -1)),  # whole turns, clipped rates
-        ((PI, -0.1, 0, 0), (0, 1 - 0.1 / PI, 0, 0)),  # below the jump at q2 = 0: 2π - 0.1 - π
-        ((PI, 0.1, 0, 0), (0, -1 + 0.1 / PI, 0, 0)),  # above it
+        # [(q1 mod 2π - π)/π, (q2 mod 2π - π)/π, dq1/20, dq2/20], velocities clipped to ±20 rad/s.
+        ("wrapped", (0, 0, 0, 0), (-1, -1, 0, 0)),  # hanging: 0 - π
+        ("wrapped", (PI, 0, 0, 0), (0, -1, 0, 0)),  # upright
+        ("wrapped", (PI / 2, 3 * PI / 2, 5, -10), (-0.5, 0.5, 0.25, -0.5)),
+        ("wrapped", (-PI / 2, 2.5 * PI, 20, -20), (0.5, -0.5, 1, -1)),  # 3π/2 - π, and π/2 - π
+        ("wrapped", (-PI, 7 * PI, 30, -1e4), (0, 0, 1, -1)),  # whole turns, clipped rates
+        ("wrapped", (PI, -0.1, 0, 0), (0, 1 - 0.1 / PI, 0, 0)),  # below the jump at q2 = 0: 2π - 0.1 - π
+        ("wrapped", (PI, 0.1, 0, 0), (0, -1 + 0.1 / PI, 0, 0)),  # above it
+        # [sin q1, cos q1, sin q2, cos q2, dq1/20, dq2/20]
+        ("sincos", (0, 0, 0, 0), (0, 1, 0, 1, 0, 0)),
+        ("sincos", (PI, 0, 0, 0), (0, -1, 0, 1, 0, 0)),
+        ("sincos", (PI / 6, -PI / 2, 5, -30), (0.5, 0.75**0.5, -1, 0, 0.25, -1)),
+        ("sincos", (PI / 6 - 4 * PI, 2.5 * PI, 30, 20), (0.5, 0.75**0.5, 1, 0, 1, 1)),
     ],
 )
-def test_wrapped_observation_by_hand(x, expected):
-    observed = observation.PendulumStage()(jnp.array(x, jnp.float32))
-    np.testing.assert_allclose(observed, expected, atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("x", "expected"),
-    # [sin q1, cos q1, sin q2, cos q2, dq1/20, dq2/20]
-    [
-        ((0, 0, 0, 0), (0, 1, 0, 1, 0, 0)),
-        ((PI, 0, 0, 0), (0, -1, 0, 1, 0, 0)),
-        ((PI / 6, -PI / 2, 5, -30), (0.5, 0.75**0.5, -1, 0, 0.25, -1)),
-        ((PI / 6 - 4 * PI, 2.5 * PI, 30, 20), (0.5, 0.75**0.5, 1, 0, 1, 1)),
-    ],
-)
-def test_sincos_observation_by_hand(x, expected):
-    observed = observation.PendulumStage(angles="sincos")(jnp.array(x, jnp.float32))
+def test_observation_by_hand(angles, x, expected):
+    observed = observation.PendulumStage(angles=angles)(jnp.array(x, jnp.float32))
     np.testing.assert_allclose(observed, expected, atol=2e-6)
 
 
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize(("angles", "size"), [("wrapped", 4), ("sincos", 6)])
-def test_every_entry_lies_in_the_unit_interval(angles, size):
+def test_every_entry_lies_in_the_unit_interval_and_has_the_dtype_of_the_state(x64, angles, size, dtype):
     # Among them angles so close below a whole turn that their remainder rounds to 2π.
     edges = [0, -1e-30, -1e-9, 2 * PI, -2 * PI, 1e6]
-    angles_seen = np.concatenate([edges, np.random.default_rng(0).uniform(-50, 50, 1000)])
-    x = np.stack([angles_seen, angles_seen, 10 * angles_seen, -10 * angles_seen], axis=1)
+    seen = np.concatenate([edges, np.random.default_rng(0).uniform(-50, 50, 1000)])
     observe = observation.PendulumStage(angles=angles)
-    observed = np.asarray(jax.vmap(observe)(jnp.array(x, jnp.float32)))
-    assert observed.shape == (len(x), size)
+    x = jnp.array(np.stack([seen, seen, 10 * seen, -10 * seen], axis=1), dtype)
+    observed = jax.vmap(observe)(x)
+    assert (observed.shape, observed.dtype) == ((len(seen), observe.size()), dtype)
     assert observe.size() == size
     assert np.abs(observed).max() <= 1.0
-
-
-@pytest.mark.parametrize("angles", ["wrapped", "sincos"])
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-@pytest.mark.usefixtures("x64")
-def test_observation_has_the_dtype_of_the_state(angles, dtype):
-    assert observation.PendulumStage(angles=angles)(jnp.zeros(4, dtype)).dtype == dtype
 
 
 STAGE = PlantStage(np.linspace(-1, 1, 9), np.linspace(1, 2, 9), clip=2.0)
@@ -107,13 +91,8 @@ def test_a_folded_network_gives_the_same(depth):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
 
 
-def test_a_network_that_sees_the_state_alone_stays_as_it_is():
-    network = Network((STATE,), (), random_layer(1, 6, 1))
-    assert fold(network, np.zeros(9)) is network
-
-
 def test_told_plants_are_those_of_files():
-    """A batch of plants, traced: each row is the ordinary network of a file with that plant."""
+    """A batch of plants, traced, and NumPy's network told one, are the networks of files with that plant."""
     plants = LEADERBOARD.driven(sighted_policy().robot), load_plant("C.1")
     with jax.enable_x64(True):
         controller, states = in_double(sighted_policy()), random_states()[:20]
@@ -126,10 +105,14 @@ def test_told_plants_are_those_of_files():
 
     with jax.enable_x64(True):
         found = np.asarray(torques(jax.tree.map(lambda *each: jnp.array(each), *plants)))
+    told = NumpyNetwork(policy_of(sighted_policy()))
     for row, parameters in zip(found, plants, strict=True):
         plant = policy_plant(parameters, controller.robot)
         network = NumpyNetwork(dataclasses.replace(policy_of(sighted_policy()), plant=plant))
-        np.testing.assert_allclose(row, [network(x) for x in states], rtol=0, atol=1e-11)
+        expected = [network(x) for x in states]
+        np.testing.assert_allclose(row, expected, rtol=0, atol=1e-11)
+        told.set_plant(base_parameters(plant).tolist())
+        np.testing.assert_allclose([told(x) for x in states], expected, rtol=0, atol=1e-13)
     assert np.abs(found[0] - found[1]).max() > 0.01
 
 
