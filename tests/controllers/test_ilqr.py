@@ -19,6 +19,7 @@ from swingup.controllers.swingups.ilqr import (
 from swingup.controllers.swingups.riccati_passes import Cost
 from swingup.controllers.swingups.scalar_algebra import dot, unpack
 from swingup.controllers.swingups.transition import AbstractTransition, PendulumTransition
+from swingup.dynamics.angles import UPRIGHT
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.plant.robots import ROBOTS
@@ -81,18 +82,6 @@ def run(settings, sign=1.0, x0=X0, torque=(0.0,) * N, idle=False):
     return solved(Linear(sign), linear_cost(), *given, dataclasses.asdict(settings))
 
 
-def swing(limit, **changes):
-    """A swing of 1 s with few steps, far from linear."""
-    robot = ROBOTS["pendubot"]
-    goal = np.array([np.pi, 0.0, 0.0, 0.0])
-    weights = np.array([1.0, 1.0, 0.1, 0.1]), 0.01, np.array([50.0, 50.0, 5.0, 5.0])
-    cost = Cost(*weights, np.tile(goal, (100, 1)), np.zeros(100), goal)
-    settings = dataclasses.replace(
-        PLAIN, regularisation=1.0, min_regularisation=1e-4, tolerance=1e-6, torque_limit=limit, **changes
-    )
-    return PendulumTransition(LEADERBOARD.driven(robot), robot.joint, 0.01, exact=False), cost, settings
-
-
 def test_one_iteration_solves_a_linear_quadratic_problem(x64):
     u, least = dense_solution()
     once = run(dataclasses.replace(PLAIN, max_iterations=1))
@@ -136,21 +125,20 @@ def test_wrong_derivatives_stall(x64):
     np.testing.assert_array_equal(solution.torque, 0.0)
 
 
-@functools.cache
-def swing_iterations():
-    """60 iterations on a swing with torques of up to 1.5 N m: before, after, and each one's cost, μ and torque."""
-    transition, cost, settings = swing(limit=1.5)
+def test_on_a_swing_the_cost_falls_the_limit_holds_and_states_are_those_of_the_torques(x64):
+    """60 iterations on a swing of 1 s with few steps, far from linear, with torques of up to 1.5 N m."""
+    weights = np.array([1.0, 1.0, 0.1, 0.1]), 0.01, np.array([50.0, 50.0, 5.0, 5.0])
+    cost = Cost(*weights, np.tile(UPRIGHT, (100, 1)), np.zeros(100), UPRIGHT)
+    changes = {"regularisation": 1.0, "min_regularisation": 1e-4, "tolerance": 1e-6, "torque_limit": 1.5}
+    settings, robot = dataclasses.replace(PLAIN, **changes), ROBOTS["pendubot"]
+    transition = PendulumTransition(LEADERBOARD.driven(robot), robot.joint, 0.01, exact=False)
 
     def step(now, _):
         after = ilqr_iteration(transition, cost, now, settings)
         return after, (after.trajectory.cost, after.regularisation, jnp.abs(after.trajectory.u).max())
 
     first = initial_state(transition, cost, jnp.zeros(4), jnp.full(100, 0.1), settings)
-    return transition, first, *jax.jit(lambda now: jax.lax.scan(step, now, length=60))(first)
-
-
-def test_the_cost_falls_and_the_limit_holds(x64):
-    _, first, _, (costs, mu, largest) = swing_iterations()
+    last, (costs, mu, largest) = jax.jit(lambda now: jax.lax.scan(step, now, length=60))(first)
     costs, mu = np.append(first.trajectory.cost, costs), np.append(first.regularisation, mu)
     accepted = mu[1:] < mu[:-1]
     assert 10 < accepted.sum() < 60
@@ -158,10 +146,6 @@ def test_the_cost_falls_and_the_limit_holds(x64):
     assert (np.diff(costs)[mu[1:] > mu[:-1]] == 0).all()
     assert costs[-1] < 0.4 * costs[0]
     assert largest.max() == 1.5
-
-
-def test_states_are_those_of_the_torques(x64):
-    transition, _, last, _ = swing_iterations()
     states, torque = (*last.trajectory.x, last.trajectory.last), last.trajectory.u
     x = np.column_stack([np.append(rows, end) for rows, end in zip(states[:4], states[4], strict=True)])
     following = jax.jit(transition.step)(unpack(jnp.asarray(x[:-1])), torque)

@@ -50,15 +50,6 @@ def test_the_damped_step_follows_the_equations():
     assert errors[0] / errors[1] > 3.5
 
 
-def test_without_friction_the_step_is_the_midpoint_rules():
-    plant = lump(LEADERBOARD.driven(ACROBOT))
-    found = damped_midpoint_step(plant, Friction((0.0, 0.0), (0.0, 0.0)), STATE, TORQUES, 0.01, ARRAYS)
-    assert found == damped_midpoint_step(plant, None, STATE, TORQUES, 0.01, ARRAYS)
-    x, u, values = np.array(STATE), np.array(TORQUES), LEADERBOARD.driven(ACROBOT).values()
-    middle = x + 0.005 * derivative(values, x, u)
-    np.testing.assert_allclose(found, x + 0.01 * derivative(values, middle, u), rtol=1e-12)
-
-
 def test_stiff_friction_brings_to_rest():
     """λ h is at least 100 · 0.002 / 1e-4 · 0.004 = 8 for a 5 cm link, where the explicit rule diverges above 2."""
     rods = {"m1": 0.1, "m2": 0.1, "l1": 0.05, "l2": 0.05, "r1": 0.025, "r2": 0.025, "I1": 1e-4, "I2": 1e-4}
