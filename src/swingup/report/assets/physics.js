@@ -75,13 +75,13 @@
 
   /**
    * The closed loop in the benchmark's order: measure, control, clip, integrate.
-   * Returns the rows' time, states before each step, torques applied at it, and the state after the last step.
+   * Returns the rows' time, states before each step, and torques applied at it.
    * `controller(x, t)` gives [u1, u2]; without one the section's policy drives.
    */
   function simulate(robot, x0, steps, controller) {
     const { parameters, dt, act } = swingup.robots[robot];
     const control = controller || act || (() => [0, 0]);
-    const rows = { time: [], x: [], u: [], final: null };
+    const rows = { time: [], x: [], u: [] };
     let x = Array.from(x0);
     for (let step = 0; step < steps; step++) {
       const u = clip(parameters, control(x, step * dt));
@@ -90,7 +90,6 @@
       rows.u.push(u);
       x = rk4Step(parameters, x, u, dt);
     }
-    rows.final = x;
     return rows;
   }
 
