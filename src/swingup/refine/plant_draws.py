@@ -99,8 +99,9 @@ def draw_plants(
 def _pendulum(kind: Callable[[int], Plant], index: int) -> Plant:
     """The first draw of a kind that is a pendulum: with a mass matrix as nearly singular as B.0's some are none."""
     while True:
+        plant = kind(index)
         with suppress(SwingupError):
-            return validated(kind(index))
+            return validated(plant)
 
 
 def _all_off(random: np.random.Generator, nominal: Plant, share: float) -> Plant:
