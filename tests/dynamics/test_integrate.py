@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
 from swingup.dynamics import dynamics, implicit_friction
@@ -21,7 +22,11 @@ from swingup.plant.robots import ROBOTS
 DATA = Path(__file__).parent / "data"
 FRICTIONLESS = LEADERBOARD.driven(ROBOTS["acrobot"])
 
-total_energy = jax.jit(jax.vmap(dynamics.total_energy, (None, 0)))
+one_step = jax.jit(jax.vmap(rk4_step, (None, 0, 0, None)))
+total_energy, kinetic_energy, friction_torques = (
+    jax.jit(jax.vmap(each, (None, 0)))
+    for each in (dynamics.total_energy, dynamics.kinetic_energy, dynamics.friction_torques)
+)
 
 pytestmark = pytest.mark.usefixtures("x64")
 
@@ -37,6 +42,16 @@ def follow(plant, x, torques, dt):
     return states, last
 
 
+def test_one_step_is_that_of_the_reference(robot):
+    table = np.genfromtxt(DATA / f"dynamics-{robot.name}-friction.csv", delimiter=",", names=True)
+    x, u, expected = (
+        jnp.stack([table[name] for name in names.split()], axis=1)
+        for names in ("q1 q2 dq1 dq2", "u1 u2", "q1_next q2_next dq1_next dq2_next")
+    )
+    found = one_step(load_plant("C.1"), x, u, 0.002)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+
+
 def test_open_loop_run_is_that_of_the_reference(robot):
     table = np.loadtxt(DATA / f"openloop-{robot.name}.csv", delimiter=",", skiprows=1)
     assert table.shape == (501, 5)
@@ -50,6 +65,30 @@ def test_open_loop_run_is_that_of_the_reference(robot):
     np.testing.assert_allclose(table[:, 0], t[::5], atol=1e-12)
 
 
+def test_energy_is_conserved_without_friction_and_torque():
+    # From link 1 level; RK4's drift falls with dt⁴ and is 2e-9 J here, while 4 J are exchanged.
+    x0 = jnp.array([np.pi / 2, 0.3, 0.0, 0.0])
+    states, _ = follow(FRICTIONLESS, x0, jnp.zeros((2501, 2)), 0.001)
+    energy = np.asarray(total_energy(FRICTIONLESS, states))
+    assert np.max(kinetic_energy(FRICTIONLESS, states)) > 1.0
+    np.testing.assert_allclose(energy, energy[0], rtol=0, atol=2e-8)
+
+
+def test_energy_changes_by_the_work_of_torque_and_friction():
+    plant, dt = load_plant("C.1"), 0.001
+    t = dt * np.arange(2501)
+    u = np.stack([np.sin(3 * t), 0.5 * np.cos(2 * t)], axis=1)
+    states, last = map(np.asarray, follow(plant, jnp.array([0.5, 0.3, 4.0, -3.0]), u, dt))
+    states = np.concatenate([states, last[None]])
+    energy = np.asarray(total_energy(plant, states))
+    # Torque is held over a step, so that its work is uᵀ Δq exactly; friction's by the trapezoidal rule.
+    friction = np.column_stack(friction_torques(plant, states)) * states[:, 2:]
+    work = np.sum(u * np.diff(states[:, :2], axis=0))
+    loss = np.sum((friction[1:] + friction[:-1]) / 2) * dt
+    assert loss > 0.5
+    assert energy[-1] - energy[0] == pytest.approx(work - loss, abs=1e-3)
+
+
 def test_large_swing_has_the_period_of_the_elliptic_integral():
     # A second link balanced on the elbow (r2 = 0) leaves a single pendulum of inertia I1 + m2 l1². From rest at
     # 2.5 rad it hangs straight after a quarter of its period 4 K(sin²(θ/2)) / ω.
@@ -60,6 +99,22 @@ def test_large_swing_has_the_period_of_the_elliptic_integral():
     _, last = follow(plant, jnp.array([2.5, 0.0, 0.0, 0.0]), jnp.zeros((2501, 2)), quarter / 2501)
     # At the bottom all potential energy has become ½ θ̇²: θ̇ = -2 ω sin(θ0 / 2).
     np.testing.assert_allclose(last[:3], [0.0, 2.5, -2 * omega * np.sin(1.25)], atol=1e-9)
+
+
+def test_error_falls_with_the_order_of_the_method():
+    plant, x0, u = FRICTIONLESS, np.array([0.5, -0.4, 0.0, 0.0]), np.array([0.0, 0.5])
+
+    @jax.jit
+    def state_after(steps, duration=0.4):
+        dt = duration / steps
+        return jax.lax.fori_loop(0, steps, lambda _, x: rk4_step(plant, x, jnp.array(u), dt), jnp.array(x0))
+
+    flow = jax.jit(lambda x: dynamics.derivative(plant, x, jnp.array(u)))
+    exact = solve_ivp(lambda _, x: flow(x), (0, 0.4), x0, method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+    counts = np.array([100, 200, 400])
+    errors = [np.abs(state_after(int(count)) - exact).max() for count in counts]
+    orders = -np.diff(np.log(errors)) / np.diff(np.log(counts))
+    np.testing.assert_allclose(orders, 4, atol=0.1)
 
 
 def small_link():
@@ -154,10 +209,11 @@ def test_a_torque_below_the_friction_moves_nothing():
 
 
 def test_energy_is_kept_without_friction():
+    plant = LEADERBOARD.driven(ROBOTS["acrobot"])
     states = [np.array([np.pi / 2, 0.3, 0.0, 0.0])]
     for _ in range(100):
-        states.append(followed(implicit_step, FRICTIONLESS, 0.001, 50, start=states[-1]))
-    energy = total_energy(FRICTIONLESS, np.array(states))
+        states.append(followed(implicit_step, plant, 0.001, 50, start=states[-1]))
+    energy = total_energy(plant, np.array(states))
     # 4 J are exchanged; the drift of a second-order method stays bounded.
     assert np.ptp(energy) < 5e-3
 
