@@ -1,5 +1,7 @@
 """Networks, and distributions of actions, in choices and in numbers: probabilities, samples, policies and files."""
 
+import re
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -165,6 +167,20 @@ def test_weights_are_orthogonal():
     critic = jax.eval_shape(lambda key: init_critic(key, 4, (512, 512)), jax.random.key(0))
     assert sum(leaf.size for leaf in jax.tree.leaves(actor)) == 67_586
     assert sum(leaf.size for leaf in jax.tree.leaves(critic)) == 266_242
+
+
+def test_layers_of_seeds_side_by_side_are_factored_one_by_one():
+    """LAPACK of two batches at once may wait for ever on two cores: of 135 runs of two seeds 12 never began."""
+    keys = jax.random.split(jax.random.key(3), 3)
+
+    def init(key):
+        return initial.init_critic(key, 4, (64, 64))
+
+    together = jax.jit(jax.vmap(init))
+    matrices = re.findall(r"geqrf.*-> \(tensor<([\dx]+)xf32>", together.lower(keys).as_text())
+    assert set(matrices) == {"64x4", "64x64", "64x1"}
+    alone = [init_critic(key, 4, (64, 64)) for key in keys]
+    jax.tree.map(lambda a, *b: np.testing.assert_array_equal(a, np.stack(b)), together(keys), *alone)
 
 
 def test_a_deviation_that_does_not_depend_on_the_state():

@@ -32,8 +32,6 @@ _train = jax.jit(algorithm.train)
 
 COUNT_FLAG = "xla_force_host_platform_device_count"
 """In XLA_FLAGS: how many devices a CPU shows."""
-ONE_THREAD = "--xla_cpu_multi_thread_eigen=false"
-"""In XLA_FLAGS: a program runs in one thread."""
 AXIS = "seeds"
 """Along which devices share the seeds."""
 CALL_WORK = 5e9
@@ -135,8 +133,7 @@ def share_cores(seeds: int) -> None:
 
     Asynchronous dispatch is switched off as well. Programs on several devices run in threads of XLA, of which a CPU
     has one for each core. With asynchronous dispatch, programs on one device, such as evaluations, hold these
-    threads, too; without it they run in the thread that calls them. Nor does a program share its work among
-    threads: devices have all cores, and XLA's pool of such threads may lose a task, so that a run waits for ever.
+    threads, too; without it they run in the thread that calls them.
     """
     count = even_shares(seeds, cores())
     if count == 1 or COUNT_FLAG in os.environ.get("XLA_FLAGS", ""):
@@ -144,7 +141,6 @@ def share_cores(seeds: int) -> None:
     with contextlib.suppress(RuntimeError):
         jax.config.update("jax_num_cpu_devices", count)
         jax.config.update("jax_cpu_enable_async_dispatch", False)
-        os.environ["XLA_FLAGS"] = f"{ONE_THREAD} {os.environ.get('XLA_FLAGS', '')}"
 
 
 def sharing_mesh(seeds: int) -> Mesh:
