@@ -139,7 +139,7 @@ def _init_trunk(key: Key, observation_size: int, layers: tuple[int, ...]) -> tup
 def _init_linear(key: Key, size_in: int, size_out: int, scale: float) -> Linear:
     """A layer whose rows or columns are orthogonal, of norm ``scale``, and whose biases are 0."""
     orthogonal = jax.nn.initializers.orthogonal(scale)
-    # One seed after another under vmap. LAPACK factors a batch in further threads of XLA and holds its own meanwhile:
-    # on two cores two layers at once would wait for ever.
+    # One seed after another under vmap. LAPACK factors a batch in further threads of XLA and holds its own
+    # meanwhile: on two cores two layers at once would wait for ever.
     draw = jax.custom_batching.sequential_vmap(lambda key: orthogonal(key, (size_out, size_in)))
     return Linear(draw(key), jnp.zeros(size_out))
