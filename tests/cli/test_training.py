@@ -1,5 +1,6 @@
 """The commands ``train``, ``demo`` and ``refine``: runs of a few frames, signals, and what they print."""
 
+import dataclasses
 import json
 import math
 import os
@@ -21,8 +22,9 @@ from swingup.common.settings import read_settings
 from swingup.learner.metrics import read_metrics
 from swingup.policy.estimator.settings import EstimatorSettings
 from swingup.policy.shipped import DEFAULT, load_policy
+from swingup.refine import recipe
 from swingup.refine.analytic_policy_gradient import PolicyGradientSettings
-from swingup.refine.distillation_settings import DistillationSettings
+from swingup.refine.distillation_settings import DistillationSettings, RecoverySettings
 from swingup.refine.episodes import EpisodeSettings
 from swingup.refine.plant_draws import PlantDraws
 from swingup.refine.recipe import GradientStage
@@ -125,9 +127,15 @@ def test_adapt_goes_from_a_domain_to_a_judged_policy_and_a_page(tmp_path, monkey
         draws=PlantDraws(1, 1, 1, 1), nominal=4, rounds=2, duration=0.4, steps=40, anywhere=300, score_steps=0
     )
     monkeypatch.setitem(refining.RECIPES, "adapt", (tiny, few))
+    brief = RecoverySettings(episodes=2, duration=0.02)
+    few_more = {"rounds": 0, "anywhere": 0, "anywhere_batch": 0, "score_steps": 2, "score_duration": 0.02}
+    last = dataclasses.replace(few, **few_more, recoveries=brief)
+    monkeypatch.setattr(recipe, "RECOVER_ON_MANY", last)
     words = "refine acrobot --recipe adapt --domain identified --frames 8192 --seeds 2 --out mine.safetensors"
     out = run(words, "--page", "mine.html")
-    assert ("trained for them: 0 of 2 draws" in out and "has the shipped one" in out) == shipped
+    assert "trained for them: 0 of 2 draws" in out
+    assert ("has the one before" in out) == shipped
+    assert re.search(r"with more recoveries: (\d) of 2 draws", out)[1] == ("2" if shipped else "0")
     assert "mine.safetensors (board sim2real, domain identified, seed 20000 to 20001)" in out
     assert re.search(r"Success +(\d) of 2", out)[1] == ("2" if shipped else "0")
     assert "swingup evaluate acrobot --board=sim2real --controller=mine.safetensors --domain=identified" in out

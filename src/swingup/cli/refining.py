@@ -13,7 +13,7 @@ from ..benchmark.judge import judge
 from ..benchmark.result import Result
 from ..benchmark.seeds import check_seeds
 from ..common.errors import SwingupError
-from ..common.files import check_writable, write_map
+from ..common.files import check_writable, write_atomically, write_map
 from ..common.text import command_line, duration
 from ..common.version import __version__
 from ..controllers.registry import get_controller
@@ -63,7 +63,7 @@ PRESET = "small"
 CHOICE, SEED = 30_000, 20_000
 """First seeds of the draws by which a policy is chosen, and of those on which it is judged."""
 ENOUGH = 0.98
-"""Share of the former on which the shipped policy has to succeed to make training needless."""
+"""Share of the former on which a policy has to succeed to make what comes next needless."""
 
 
 def refine_command(
@@ -83,7 +83,8 @@ def refine_command(
 
     The file is rewritten as it proceeds: an interrupted run leaves its latest policy. adapt needs no policy: where
     the shipped one does not do, it trains one that recovers, computes swing-ups of plants of a domain, distils them
-    into a network that sees its plant, and judges that on other draws.
+    into a network that sees its plant, and where that does not do either, adds recoveries. The best of these is
+    judged on other draws.
 
     Args:
         robot: the robot.
@@ -118,12 +119,25 @@ def refine_command(
         tell(f"wrote {out}: judge it with {command_line('evaluate', robot.name, controller=out, **plant)}")
         return 0
     begun, (around, file) = time.monotonic(), adapted_domain(plant, domain, out)
-    shipped, kept = shipped_for(around, robot) if policy is None else None, 0
-    origin = {"version": __version__, "command": command, "base": {"policy": ADAPTIVE}}
+    shipped = shipped_for(around, robot) if policy is None else None
+    best, kept = b"", -1
+
+    def choose(what: str) -> None:
+        """Keep the file's policy, or the best one before it on these draws."""
+        nonlocal best, kept
+        found = _judged(robot, out, around, CHOICE, seeds).successes
+        tell(f"{what}: {found} of {seeds} draws")
+        if found >= kept:
+            best, kept = Path(out).read_bytes(), found
+            return
+        write_atomically(out, best)
+        tell(f"{out} has the one before")
+
     if shipped is not None:
-        write_pendulum_policy(out, shipped, origin)
-        kept = _judged(robot, out, around, CHOICE, seeds).successes
-        tell(f"{ADAPTIVE} as shipped, in this pendulum's units: {kept} of {seeds} draws")
+        write_pendulum_policy(
+            out, shipped, {"version": __version__, "command": command, "base": {"policy": ADAPTIVE}}
+        )
+        choose(f"{ADAPTIVE} as shipped, in this pendulum's units")
     if kept < ENOUGH * seeds:
         base = policy
         if base is None:
@@ -132,13 +146,12 @@ def refine_command(
                 return stopped
             base = str(run.folder / BEST)
         with Progress() as progress:
-            _refine(load_policy(base, robot), out, recipe, seed, command, progress, domain=around)
-        if shipped is not None:
-            trained = _judged(robot, out, around, CHOICE, seeds).successes
-            tell(f"trained for them: {trained} of {seeds} draws")
-            if trained < kept:
-                write_pendulum_policy(out, shipped, origin)
-                tell(f"{out} has the shipped one")
+            _refine(load_policy(base, robot), out, ADAPT, seed, command, progress, domain=around)
+        choose("trained for them")
+    if kept < ENOUGH * seeds:
+        with Progress() as progress:
+            _refine(load_policy(out, robot), out, RECOVER, seed, command, progress, domain=around)
+        choose("with more recoveries")
     result = _judged(robot, out, around, SEED, seeds)
     if page is not None:
         save_log_report(report_adaptation(around, result), page)

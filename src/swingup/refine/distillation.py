@@ -138,8 +138,9 @@ def _scored(
     """The student after the steps in which the score counts, and recoveries if there are any."""
     steps = settings.score_steps
     schedule = optax.warmup_cosine_decay_schedule(0.0, settings.score_rate, steps // 8, steps)
-    # Gradients through the pendulum are bounded.
+    # Gradients through the pendulum are bounded. A drawn plant that is too fast for its time step spoils its batch.
     optimiser = optax.chain(optax.clip_by_global_norm(2.0), optax.adam(schedule))
+    optimiser = optax.apply_if_finite(optimiser, max_consecutive_errors=steps)
     episodes, key = PolicyGradientSettings(duration=settings.score_duration), _key(random)
     return descend(student, bases, dataset, settings, key, steps, optimiser, told, episodes, recoveries, keep)
 
