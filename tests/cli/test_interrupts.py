@@ -20,7 +20,7 @@ while True:
 COMMANDS = {
     "refine acrobot --out x.safetensors": (5.0, 20.0, 40.0),
     "refine acrobot --recipe adapt --policy global --out x.safetensors": (10.0, 60.0, 120.0),
-    "evaluate acrobot --board robustness --controller tvlqr": (3.0, 8.0),
+    "evaluate acrobot --board robustness --seeds 9 --controller tvlqr": (3.0, 8.0),
     "train acrobot --out r --frames 100000000": (5.0, 60.0),
     "sweep acrobot --seeds 2 --workers 1 --out s": (5.0, 30.0),
 }
