@@ -57,14 +57,6 @@ def test_all_of_python_computes_the_same(name, robot, x64):
         )
 
 
-def test_the_response_is_the_change_of_the_acceleration():
-    plant = lump(LEADERBOARD)
-    for x in STATES[:3].tolist():
-        driven, free = (np.array(floats(plant, x, *u)) for u in ((2.0, -1.0), (0.0, 0.0)))
-        response = equations.response(plant, np.cos(x[1]), (2.0, -1.0))
-        np.testing.assert_allclose(driven - free, response, rtol=1e-10)
-
-
 PLANT = dataclasses.replace(load_plant("C.1"), b1=0.02, b2=-0.03, cf1=0.1, cf2=-0.05)
 GEOMETRY = geometry_of(PLANT)
 RATIO = PLANT.m2 * PLANT.r2 / (PLANT.m1 * PLANT.r1 + PLANT.m2 * PLANT.l1)

@@ -51,9 +51,6 @@ def step_from(task, x, action=0.0, count=0):
         ((0, 0, 0, 0), (0, 0), -0.05 * PI**2),  # hanging: -0.001 * 50 π² = -0.4935
         ((PI, 0, 0, 0), (0, 0), 0),  # the goal
         ((PI, 0, 0, 0), (0, 6), -0.036),  # -0.001 * 6² (N m)²
-        ((PI, 0, 0, 0), (3, 0), -0.009),
-        ((PI + 0.1, 0, 0, 0), (0, 0), -0.0005),  # -0.001 * 50 * 0.01
-        ((PI, -0.2, 0, 0), (0, 0), -0.002),  # -0.001 * 50 * 0.04
         ((PI, 0, 2, 0), (0, 0), -0.016),  # -0.001 * 4 * 4
         ((PI, 0, 0, -3), (0, 0), -0.018),  # -0.001 * 2 * 9
         ((-3 * PI, 4 * PI, 0, 0), (0, 0), 0),  # whole turns from the goal
@@ -141,6 +138,7 @@ def test_never_terminated_and_cut_where_it_diverges(name, either_robot):
     result = steps(task, x * np.tile(np.float32([[1e3], [1.0]]), (BATCH // 2, 1)), 999, actions, keys)
     assert not np.any(result.terminated)
     assert np.all(result.truncated)
+    assert not step_from(task, [0.3, 0.2, 20.0, -20.0], 1.0).truncated  # fast, but sound
     # At such rates a Runge-Kutta step of 0.01 s overshoots without bound, to inf and NaN: the last state is kept.
     task = dataclasses.replace(task, truncation_probability=0.0)
     for rates in ((500.0, -500.0), (1e30, 1e30), (2000.0, 0.0)):
@@ -151,11 +149,6 @@ def test_never_terminated_and_cut_where_it_diverges(name, either_robot):
         assert (bool(result.truncated), bool(result.terminated), int(result.state.steps)) == (True, False, 1)
         np.testing.assert_array_equal(result.state.x, x)
         assert np.all(np.isfinite(result.observation))
-
-
-def test_fast_but_sound_motion_is_not_taken_for_divergence(robot):
-    task = dataclasses.replace(paper_task(robot), truncation_probability=0.0)
-    assert not step_from(task, [0.3, 0.2, 20.0, -20.0], 1.0).truncated
 
 
 def test_the_global_task_starts_after_throws_anywhere_and_hanging(either_robot):
@@ -187,27 +180,6 @@ def test_the_anywhere_task_has_the_quadratic_cost_and_the_global_tasks_starts(ei
     assert np.array_equal(task.starts, made("global", either_robot).starts)
 
 
-STEPS = 60
-
-
-SLOW_GLOBAL = pytest.param("global", marks=pytest.mark.slow)
-"""Its many throws take seconds."""
-
-
-@pytest.mark.parametrize("name", ["paper", "smooth", SLOW_GLOBAL])
-def test_the_leaderboards_plant_gives_todays_task(name, either_robot):
-    assert get_task(name, either_robot, LEADERBOARD.driven(either_robot)) == get_task(name, either_robot)
-
-
-def test_a_scaled_task_has_the_numbers_of_its_units(either_robot, similar):
-    # T = 0.5 and torques of 0.025: rates are doubled, their weights 0.5², the torque's weight 1 / 0.025².
-    task = smooth_task(either_robot, similar(LEADERBOARD.driven(either_robot)))
-    rates = (task.reset_rate, task.cost_velocity_limit, task.observation.velocity_scale)
-    assert (task.dt, task.torque_cost, *rates) == pytest.approx((0.005, 1600.0, 2.0, 40.0, 40.0))
-    assert task.state_cost == pytest.approx((50.0, 50.0, 1.0, 0.5))
-    assert (task.reward_scale, task.max_steps, task.reset_noise) == (0.001, 1000, 0.01)
-
-
 @eqx.filter_jit
 def episode(task, actions):
     """Observations, rewards and tip heights over the length of an episode from one key."""
@@ -220,12 +192,16 @@ def episode(task, actions):
     return task.observe(start), jax.lax.scan(advance, start, actions)[1]
 
 
+STEPS = 60
+
+
 @pytest.mark.parametrize("name", ["smooth", pytest.param("paper", marks=pytest.mark.slow)])
 def test_a_similar_pendulum_has_the_same_decision_process(name, either_robot, x64, similar):
     actions = jnp.asarray(np.random.default_rng(0).uniform(-1, 1, (STEPS, 1)))
     task = get_task(name, either_robot)
     twin = get_task(name, either_robot, similar(task.parameters))
     expected, found = episode(task, actions), episode(twin, actions)
+    assert twin.cost_velocity_limit == pytest.approx(2 * task.cost_velocity_limit)  # T = 0.5
     # It moves, and both angles and rates are observed.
     assert np.ptp(expected[1][0], axis=0).min() > 0.05
     for mine, theirs in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
@@ -233,21 +209,17 @@ def test_a_similar_pendulum_has_the_same_decision_process(name, either_robot, x6
 
 
 @pytest.mark.slow
-def test_throws_of_a_similar_pendulum_are_the_same_in_its_units(either_robot, x64, similar):
-    plant = LEADERBOARD.driven(either_robot)
+def test_the_global_task_of_a_similar_pendulum_is_in_its_units(either_robot, x64, similar):
+    task = get_task("global", either_robot)
+    plant = task.parameters
+    twin = get_task("global", either_robot, similar(plant))
+    assert twin.up_line_width == pytest.approx(0.25 * 0.01)
+    # The last thousands are drawn, not simulated: anywhere, then hanging.
+    np.testing.assert_allclose(twin.starts[-6000:], task.starts[-6000:] * np.array([1, 1, 2, 2]), rtol=1e-6)
     thrown = functools.partial(thrown_states, number=8, duration=0.02)
     expected, found = (thrown(np.random.default_rng(0), each) for each in (plant, similar(plant)))
     assert np.abs(expected[:, 2:]).max() > 5
     np.testing.assert_allclose(found, expected * [1, 1, 2, 2], rtol=1e-8, atol=1e-10)
-
-
-@pytest.mark.slow
-def test_the_global_tasks_starts_and_line_are_in_the_plants_units(either_robot, similar):
-    task = get_task("global", either_robot)
-    twin = get_task("global", either_robot, similar(task.parameters))
-    assert twin.up_line_width == pytest.approx(0.25 * 0.01)
-    # The last thousands are drawn, not simulated: anywhere, then hanging.
-    np.testing.assert_allclose(twin.starts[-6000:], task.starts[-6000:] * np.array([1, 1, 2, 2]), rtol=1e-6)
 
 
 def test_the_rules_of_a_swing_up_are_in_the_units_of_the_domains_plant(either_robot):
