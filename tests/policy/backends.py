@@ -1,38 +1,30 @@
 """The back ends of the conformance table: a new one is one more row in BACK_ENDS."""
 
-import json
 import shutil
-import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import jax
 import numpy as np
 import pytest
 
-from swingup.controllers.stack.controller import make_controller
+from swingup.controllers.stack.controller import make_controller, policy_alone
 from swingup.export.c_backend.header import c_header
 from swingup.export.javascript_backend.page import policy_data, policy_script
 from swingup.export.onnx_backend.graph import onnx_model
 from swingup.policy.numpy_backend.controller import numpy_controller
 
 from . import compiled
-from .references import TOLERANCE, replay, without_regulator
+from .references import TOLERANCE, alone, replay
 
 
 class Jax:
     """The judge's: its wide layers sum 64 products in single precision each."""
 
     def __init__(self, policy, folder):
-        self._whole = make_controller(policy)
-        self._alone = make_controller(without_regulator(policy), estimator=False)
+        self._whole, self._alone = make_controller(policy), policy_alone(policy)
 
     def alone(self, states):
-        finite = np.isfinite(states).all(axis=1)
-        with jax.enable_x64(True):
-            act = jax.jit(jax.vmap(lambda x: self._alone(None, 0.0, x)[1][self._alone.robot.joint]))
-            torques = np.asarray(act(np.where(finite[:, None], states, 0.0)))
-        return np.where(finite, torques, np.nan)
+        return alone(self._alone, states)
 
     def run(self, times, states, given=None):
         return replay(self._whole, times, states, given)
@@ -83,20 +75,8 @@ class Onnx:
         return u[:, self._joint]
 
 
-NODE = """
-globalThis.window = globalThis;
-SCRIPT
-const [spec, driven, states] = JSON.parse(require("fs").readFileSync(0, "utf8"));
-const act = window.swingup.makePolicy(spec, driven);
-const number = (value) => (typeof value === "string" ? Number(value) : value);
-console.log(JSON.stringify(states.map((x) => act(x.map(number)).map(String))));
-"""
-
-
 class JavaScript:
-    """In Node where it is installed, else in ``browser``, which the test gives."""
-
-    browser = None
+    """In a ``browser``, which the test gives."""
 
     def __init__(self, policy, folder):
         self._data, self._joint = policy_data(policy), policy.robot.joint
@@ -105,33 +85,19 @@ class JavaScript:
         # JSON has no NaN: numbers that are not finite travel as words.
         words = {"nan": "NaN", "inf": "Infinity", "-inf": "-Infinity"}
         rows = [[value if np.isfinite(value) else words[str(value)] for value in x] for x in states.tolist()]
-        given = [self._data, self._joint, rows]
-        u = np.array(_in_node(given) if self.browser is None else _in_browser(self.browser, given), np.float64)
+        page = self.browser.new_page()
+        page.add_script_tag(content=policy_script())
+        answer = page.evaluate(
+            """([spec, driven, states]) => {
+                const act = swingup.makePolicy(spec, driven);
+                return states.map((x) => act(x.map((v) => (typeof v === "string" ? Number(v) : v))).map(String));
+            }""",
+            [self._data, self._joint, rows],
+        )
+        page.close()
+        u = np.array(answer, np.float64)
         assert not np.nan_to_num(u[:, 1 - self._joint]).any()
         return u[:, self._joint]
-
-
-def _in_node(given):
-    code = NODE.replace("SCRIPT", policy_script())
-    result = subprocess.run(
-        ["node", "-e", code], input=json.dumps(given), capture_output=True, text=True, check=False
-    )
-    assert result.returncode == 0, result.stderr
-    return json.loads(result.stdout)
-
-
-def _in_browser(browser, given):
-    page = browser.new_page()
-    page.add_script_tag(content=policy_script())
-    answer = page.evaluate(
-        """([spec, driven, states]) => {
-            const act = swingup.makePolicy(spec, driven);
-            return states.map((x) => act(x.map((v) => (typeof v === "string" ? Number(v) : v))).map(String));
-        }""",
-        given,
-    )
-    page.close()
-    return answer
 
 
 @dataclass(frozen=True)
@@ -145,8 +111,6 @@ class BackEnd:
     replay, which does not follow the torques, a compensation too strong would look like friction of that strength:
     rounding would grow.
     """
-    whole: bool
-    """Whether estimator and regulator are inside; else the table compares the policy alone, on the same states."""
     alone_within: float
     """Distance of the policy's torque from that in double precision (N m)."""
     whole_within: float = np.nan
@@ -156,9 +120,9 @@ class BackEnd:
 
 
 BACK_ENDS = {
-    "jax": BackEnd(Jax, whole=True, alone_within=TOLERANCE, whole_within=TOLERANCE),
-    "numpy": BackEnd(Numpy, whole=True, alone_within=1e-11, whole_within=1e-9),
-    "c": BackEnd(C, whole=True, alone_within=1e-11, whole_within=1e-9),
-    "onnx": BackEnd(Onnx, whole=False, alone_within=TOLERANCE),
-    "javascript": BackEnd(JavaScript, whole=False, alone_within=1e-10, stride=5),
+    "jax": BackEnd(Jax, alone_within=TOLERANCE, whole_within=TOLERANCE),
+    "numpy": BackEnd(Numpy, alone_within=1e-11, whole_within=1e-9),
+    "c": BackEnd(C, alone_within=1e-11, whole_within=1e-9),
+    "onnx": BackEnd(Onnx, alone_within=TOLERANCE),
+    "javascript": BackEnd(JavaScript, alone_within=1e-10, stride=5),
 }

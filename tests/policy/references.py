@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from policies import new_actor
-from swingup.controllers.stack.controller import PolicyController, make_controller, policy_of
+from swingup.controllers.stack.controller import PolicyController, make_controller, policy_alone, policy_of
 from swingup.controllers.stack.policy import Policy
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.base_parameters import base_parameters
@@ -29,38 +29,22 @@ from swingup.policy.shipped import ADAPTIVE, AR_EAPO, SHIPPED_POLICIES, load_pol
 from swingup.tasks.observation import NormaliseStage, PendulumStage, PlantStage
 
 DT = 0.002
-AWAY = 1e-3
-"""Distance from a wrap of the angles (rad) from which back ends must agree."""
 TOLERANCE = 5e-5
-"""How far torques of different back ends may lie apart (N m)."""
-
+"""How far torques in single precision may lie from those in double precision (N m)."""
 ENCODER = 2 * np.pi / 2**14
 """Quantum of the angles (rad) of an encoder with 2^14 counts."""
-QUANTUM = 3.81e-4
-"""That of RealAIGym's motors."""
-
-
-PASSIVE = 0.5
-"""Torque limit of a live motor of the passive joint (N m)."""
 
 
 class Sensor(NamedTuple):
     """What measures the state, and when; and what friction the plant has."""
 
-    noise: float = 0.0
-    """Standard deviation of the velocities' noise (rad/s)."""
-    age: int = 0
-    """Of a measurement (steps)."""
-    quantum: float = 0.0
-    """Steps of the angles (rad)."""
-    periods: tuple[float, ...] = (DT,)
-    """Times between calls (s), one of which is drawn for each."""
-    differences: bool = False
-    """Whether velocities are backward differences of the measured angles; the loop's periods must be equal."""
-    offset: float = 0.0
-    """Error of the zeros, + for the shoulder, - for the elbow (rad)."""
-    coulomb: float = 0.0
-    """Coulomb friction of both joints; with any, the passive joint's motor is live (N m)."""
+    noise: float = 0.0  # deviation of the velocities' (rad/s)
+    age: int = 0  # of a measurement (steps)
+    quantum: float = 0.0  # steps of the angles (rad)
+    periods: tuple[float, ...] = (DT,)  # times between calls (s), one of which is drawn for each
+    differences: bool = False  # of the measured angles are the velocities; the loop's periods must be equal
+    offset: float = 0.0  # error of the zeros, + for the shoulder, - for the elbow (rad)
+    coulomb: float = 0.0  # friction of both joints; with any, the passive joint's motor is live (N m)
 
 
 SENSORS = {
@@ -70,22 +54,19 @@ SENSORS = {
     "late and noisy": Sensor(0.3, 15, ENCODER),
     "250 Hz": Sensor(0.1, 4, ENCODER, (0.004,)),
     "uneven": Sensor(0.1, 4, ENCODER, (DT, 0.0025)),
-    "quantum": Sensor(0.0, 1, QUANTUM, differences=True),
+    "quantum": Sensor(0.0, 1, 3.81e-4, differences=True),
     "offsets and friction": Sensor(0.1, 1, ENCODER, offset=0.02, coulomb=0.1),
 }
 COLUMNS = [*SENSORS, "not finite"]
-"""All sensors."""
-DEPTH = 22
-"""States that the sensors look back on."""
 
 UNSOUND = np.where(np.eye(4), np.array([np.nan, np.inf, -np.inf])[:, None, None], 0.1).reshape(-1, 4)
 """States (12, 4) with one number that is not finite, for which every torque of a policy must be NaN."""
 
 SHIPPED = [f"{robot}-{name}" for robot in ("acrobot", "pendubot") for name in SHIPPED_POLICIES if name != ADAPTIVE]
 """Those that every back end runs."""
-ESTIMATED = [f"{robot}-estimated" for robot in ("acrobot", "pendubot")]
+ESTIMATED = ["acrobot-estimated", "pendubot-estimated"]
 """``ar-eapo`` behind a state estimator."""
-ADAPTIVES = [f"{robot}-{ADAPTIVE}" for robot in ("acrobot", "pendubot")]
+ADAPTIVES = ["acrobot-adaptive", "pendubot-adaptive"]
 """The shipped ones with an identifier and a regulator."""
 SMALL = ["pendubot-wrapped", "pendubot-bare"]
 """Untrained ones with the paper's observation, which jumps at its wraps: with and without normalisation."""
@@ -104,7 +85,7 @@ def random_states(number=2_500):
     """States (number, 4) in several turns and beyond the velocities' scale, away from where an angle is wrapped."""
     x = np.random.default_rng(5).uniform(-1, 1, (2 * number, 4)) * [9, 9, 25, 25]
     wrap = np.abs((x[:, :2] + np.pi) % (2 * np.pi) - np.pi).min(axis=1)
-    return x[wrap > AWAY][:number]
+    return x[wrap > 1e-3][:number]
 
 
 def random_layer(outputs, inputs, seed):
@@ -116,48 +97,46 @@ def random_layer(outputs, inputs, seed):
 def policy(name):
     """A policy by a name above: one of SHIPPED, ESTIMATED, ADAPTIVES or SMALL, or SIGHTED and those after it."""
     robot, _, kind = name.partition("-")
-    if name == OTHER_PLANT:
-        found = policy(ESTIMATED[0])
-        return dataclasses.replace(found, plant=policy_plant(load_plant("C.1"), found.robot))
-    if name in ESTIMATED:
-        return dataclasses.replace(load_policy(AR_EAPO, robot), estimator=EstimatorSettings())
+    if name in SMALL:
+        return policy_of(small_policy(kind == "wrapped"))
+    if name == SIGHTED:
+        return policy_of(sighted_policy())
     if name == REGULATED:
         return dataclasses.replace(policy(SIGHTED), regulator=RegulatorSettings())
     if name == TOLD:
         near = RegulatorSettings(enter=5.0, leave=50.0, enter_coulomb=0.1, leave_coulomb=0.05)
-        estimator = EstimatorSettings()
         identifier = IdentifierSettings(load_deviation=0.05, spring_deviation=0.02)
-        return dataclasses.replace(policy(SIGHTED), estimator=estimator, identifier=identifier, regulator=near)
-    if name == SIGHTED:
-        return policy_of(sighted_policy())
-    return policy_of(small_policy(kind == "wrapped")) if name in SMALL else load_policy(kind, robot)
+        parts = {"estimator": EstimatorSettings(), "identifier": identifier, "regulator": near}
+        return dataclasses.replace(policy(SIGHTED), **parts)
+    if name == OTHER_PLANT:
+        return dataclasses.replace(policy(ESTIMATED[0]), plant=policy(SIGHTED).plant)
+    if name in ESTIMATED:
+        return dataclasses.replace(load_policy(AR_EAPO, robot), estimator=EstimatorSettings())
+    return load_policy(kind, robot)
 
 
-def without_regulator(found):
-    """A policy without its regulator: what a back end runs alone."""
-    return dataclasses.replace(found, regulator=None)
+def untrained(size, layers, seed):
+    """An actor in single precision, as a file has it."""
+    with jax.enable_x64(False):
+        return jax.tree.map(lambda leaf: leaf + 0.1, new_actor(size, layers, seed))
 
 
 def small_policy(normalised=True):
     """A small untrained policy of the pendubot with the paper's observation."""
-    with jax.enable_x64(False):  # single precision, as a file has it
-        actor = jax.tree.map(lambda leaf: leaf + 0.1, new_actor(4, (16, 12)))
     normalise = NormaliseStage(mean=np.linspace(-1, 1, 4), variance=np.linspace(0.5, 2, 4), clip=1.0)
     stages = (PendulumStage("wrapped", 20.0), *([normalise] if normalised else []))
-    return PolicyController(Policy(stages, actor), 3.0, get_robot("pendubot"))
+    return PolicyController(Policy(stages, untrained(4, (16, 12), 0)), 3.0, get_robot("pendubot"))
 
 
-def sighted_policy(layers=(16, 12)):
+def sighted_policy():
     """A small untrained policy of the acrobot that sees its plant, C.1 with its friction and rotors."""
-    with jax.enable_x64(False):
-        actor = jax.tree.map(lambda leaf: leaf + 0.1, new_actor(15, layers, 1))
     plant = policy_plant(load_plant("C.1"), get_robot("acrobot"))
     base = base_parameters(plant)
     # Inputs from -0.15 to 0.15, except the last, which is clipped.
     centre, scale = base * np.linspace(1.3, 0.7, 9), 2 * np.abs(base)
     scale[8] = 0.01 * base[8]
     stages = (PendulumStage("sincos", 20.0), PlantStage(centre, scale, clip=1.0))
-    return PolicyController(Policy(stages, actor), 3.0, get_robot("acrobot"), plant=plant)
+    return PolicyController(Policy(stages, untrained(15, (16, 12), 1)), 3.0, get_robot("acrobot"), plant=plant)
 
 
 def in_double(controller):
@@ -165,12 +144,6 @@ def in_double(controller):
     return jax.tree.map(
         lambda leaf: leaf.astype(np.float64) if getattr(leaf, "dtype", None) == np.float32 else leaf, controller
     )
-
-
-def controller(name, estimator=None, exact=True):
-    """A policy's controller in JAX: in double precision throughout, or as the judge has it."""
-    made = make_controller(policy(name), estimator)
-    return in_double(made) if exact else made
 
 
 @functools.cache
@@ -190,7 +163,9 @@ def recorded(name, steps):
     columns.append((0, 0.0, False, np.zeros(2), 0.0, times, np.ones(steps), np.zeros((steps, 2)), True, played))
     with jax.enable_x64(True):
         stacked = tuple(jnp.asarray(np.array(column)) for column in zip(*columns, strict=True))
-        measured, torques = (np.asarray(rows) for rows in _loops(controller(name), *stacked))
+        measured, torques = (
+            np.asarray(rows) for rows in _loops(in_double(make_controller(policy(name))), *stacked)
+        )
     lengths = [steps] * len(SENSORS) + [len(faults()[0])]
     return {
         sensor: (column[5][:length], x[:length], u[:length])
@@ -204,7 +179,7 @@ def _loops(found, *columns):
 
     def loop(age, quantum, differences, offset, coulomb, times, pauses, noise, played, recording):
         plant = dataclasses.replace(p, cf1=coulomb, cf2=coulomb)
-        limits = jnp.maximum(jnp.array([p.tl1, p.tl2]), jnp.where(coulomb > 0, PASSIVE, 0.0))
+        limits = jnp.maximum(jnp.array([p.tl1, p.tl2]), jnp.where(coulomb > 0, 0.5, 0.0))
 
         def angles(x):
             return jnp.where(quantum > 0, jnp.round(x[:2] / (quantum + 1e-30)) * quantum, x[:2]) + offset
@@ -220,7 +195,7 @@ def _loops(found, *columns):
             return (jnp.concatenate([x[None], past[:-1]]), memory), (measured, u)
 
         rows = (times, pauses, noise, recording)
-        return jax.lax.scan(step, (jnp.zeros((DEPTH, 4)), found.init()), rows)[1]
+        return jax.lax.scan(step, (jnp.zeros((22, 4)), found.init()), rows)[1]
 
     return jax.vmap(loop)(*columns)
 
@@ -311,13 +286,15 @@ def _given(memory, u, joint):
     return memory._replace(estimator=state)
 
 
-def alone(name, states, exact=True):
-    """The torques (n,) of the driven joint that the policy alone must give."""
-    made = make_controller(without_regulator(policy(name)), estimator=False)
-    found = in_double(made) if exact else made
-    bare = PolicyController(found.policy, found.torque_limit, found.robot, found.plant)
+def exact(name):
+    """The policy alone, in double precision."""
+    return in_double(policy_alone(policy(name)))
+
+
+def alone(found, states):
+    """The torques (n,) of the driven joint of a policy alone in JAX."""
     with jax.enable_x64(True):
-        return np.asarray(_alone(bare, jnp.asarray(states)))[:, found.robot.joint]
+        return np.asarray(_alone(found, jnp.asarray(states)))[:, found.robot.joint]
 
 
 @eqx.filter_jit
