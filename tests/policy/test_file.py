@@ -157,7 +157,9 @@ def test_what_a_policy_has_wins_over_its_metadata(file):
     assert found.metadata["command"] == "none"
     changed = {"estimator": EstimatorSettings(velocity_noise=0.3), "regulator": RegulatorSettings(enter=3.0)}
     assert parts(file(old, old.metadata, **changed, torque_limit=2.0)) == ALL | changed
-    assert "nothing to find the offsets by" in refusal(dataclasses.replace, old, plant=old.plant.changed(r2=0.0))
+    plant = old.plant
+    for change in ({"r2": 0.0}, {"r1": -plant.m2 * plant.l1 / plant.m1}):  # no gravity on a link
+        assert "nothing to find the offsets by" in refusal(dataclasses.replace, old, plant=plant.changed(**change))
 
 
 def test_a_file_carries_its_plant(file, tmp_path):

@@ -1,7 +1,8 @@
-"""The identifier on open-loop motions of plants that it does not know."""
+"""The identifier on motions of plants that it does not know: what it finds, what it tells, what a pause forgets."""
 
 import dataclasses
-import functools
+import math
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -9,18 +10,26 @@ import numpy as np
 import pytest
 
 from swingup.controllers.stack.maths import JAX
-from swingup.dynamics.integrate import rk4_step
+from swingup.loop.effects import late_period
+from swingup.loop.loop import Loop
 from swingup.plant.base_parameters import BASE, base_parameters
-from swingup.plant.equations import lump
+from swingup.plant.damped import damped_midpoint_step
+from swingup.plant.equations import friction, lump
 from swingup.plant.maths import NUMPY
 from swingup.plant.plant import LEADERBOARD
 from swingup.plant.robots import get_robot
+from swingup.policy.estimator.settings import EstimatorSettings
 from swingup.policy.identifier import core
+from swingup.policy.identifier import settings as chosen
+from swingup.policy.identifier.compensation import Load
 from swingup.policy.identifier.rows import hat_weights
 from swingup.policy.identifier.settings import LAG, IdentifierSettings
-from swingup.policy.identifier.state import make_loop
+from swingup.policy.identifier.state import IdentifierState, make_loop
+from swingup.policy.numpy_backend.controller import numpy_controller
 
-DT, STEPS = 0.002, 800
+from .references import SIGHTED, policy
+
+DT, STEPS, FINE = 0.002, 800, 4
 ROBOT = get_robot("acrobot")
 NOMINAL = LEADERBOARD.driven(ROBOT)
 OTHER = dataclasses.replace(
@@ -31,145 +40,129 @@ GRID = np.array([0.1, 0.1, 0.2, 0.2, 1e-4])
 """The benchmark's half ranges of friction and rotor."""
 UNCOMPENSATED = IdentifierSettings(passive_limit=0)
 """For commands of 0 to the undriven joint's motor, whatever friction is found there."""
-LOADED = dataclasses.replace(UNCOMPENSATED, load_deviation=0.05, spring_deviation=0.02)
-
-
+LOADED = IdentifierSettings(load_deviation=0.05, spring_deviation=0.02)
+"""Expects springs and constant torques."""
 EVEN = np.full(STEPS, DT)
 UNEVEN = np.random.default_rng(0).choice([1e-9, 0.5, 1.0, 1.2, 3.5], STEPS, p=[0.02, 0.1, 0.7, 0.15, 0.03]) * DT
+UNIFORM = np.random.default_rng(1).random(STEPS, np.float32)
+RECORDED = np.asarray(late_period(Loop(late=0.12, lateness=0.0012), UNIFORM, DT), float)
+"""The most uneven ones of the domain ``recorded``: up to 3 DT, 5 in 100 longer than the estimator follows."""
 
 
-@functools.cache
-def programs(settings=UNCOMPENSATED):
-    """A motion of a plant under swinging torques on the elbow, and what is found from angles and commands."""
-    loop = make_loop(NOMINAL, ROBOT.joint, DT, 25, settings)
-    t = jnp.arange(STEPS) * DT
-    command = jnp.stack([jnp.zeros(STEPS), 1.5 * jnp.sin(6.5 * t) + jnp.sin(15 * t + 1)], axis=1)
+class Moved(NamedTuple):
+    """What an identifier was shown and found."""
 
-    def move(parameters, u):
-        return jax.lax.scan(lambda x, now: (rk4_step(parameters, x, now, DT), x), jnp.zeros(4), u)[1]
-
-    def find(q, u, delay_steps, break_at, periods):
-        def step(memory, row):
-            index, angles, torque, period = row
-            memory = jax.tree.map(
-                lambda new, old: jnp.where(index == break_at, new, old), core.restart(JAX, loop, memory), memory
-            )
-            memory = core.observe(JAX, loop, memory, angles, delay_steps[index], period)
-            return core.remember(JAX, memory, torque), memory.unknowns
-
-        return jax.lax.scan(step, core.begin(JAX, loop), (jnp.arange(len(q)), q, u, periods))
-
-    return loop, command, jax.jit(move), jax.jit(find)
+    loop: object
+    state: IdentifierState
+    found: core.Found
+    unknowns: np.ndarray
+    rows: list
 
 
-def measured(plant, delay_steps=0, push=None):
-    """Angles (n, 2), and the commands (n, 2) that moved the plant."""
-    _, command, move, _ = programs()
-    acting = command if push is None else command + push
-    q = np.asarray(move(jax.tree.map(float, plant), acting))[:, :2]
-    return np.concatenate([np.zeros((delay_steps, 2)), q])[:STEPS], command
+def moved(
+    plant, settings=UNCOMPENSATED, robot=ROBOT, change=lambda step, q: q, late=0, told=0, break_at=None, push=0.0,
+    periods=EVEN, gain=1.0, load=None,
+):  # fmt: skip
+    """An identifier beside a plant that swings under torques, and loads, on a clock with such periods (s).
+
+    Measured angles are changed on their way, and some calls late, which is told or not. The driven joint may be
+    pushed; the undriven joint's motor has the compensation's commands and some gain.
+    """
+    loop = make_loop(LEADERBOARD.driven(robot), robot.joint, DT, 25, settings)
+    load, passive, limit = load or Load((0.0, 0.0), (0.0, 0.0)), 1 - robot.joint, loop.passive_limit
+    state, lumped, t, since = core.begin(NUMPY, loop), lump(plant), 0.0, DT
+    past, rows, unknowns = [(0.0,) * 4] * (late + 1), [], []
+    for step, (delay, period) in enumerate(zip(np.broadcast_to(told, len(periods)), periods, strict=True)):
+        seen, x, u = change(step, np.array(past[-1][:2])), past[0], np.zeros(2)
+        if step == break_at:
+            state = core.restart(NUMPY, loop, state)
+        with np.errstate(invalid="ignore"):
+            state = core.observe(NUMPY, loop, state, seen, int(delay), float(since))
+        b, cf = (pair[passive] for pair in core.found(NUMPY, loop, state).commanded_friction)
+        u[robot.joint] = 1.5 * math.sin(6.5 * t) + math.sin(15 * t + 1)
+        u[passive] = np.clip(friction(b, cf, x[2 + passive], math.atan), -limit, limit)
+        state = core.remember(NUMPY, state, u)
+        rows.append((step == break_at, seen, int(delay), since, u))
+        unknowns.append(state.unknowns)
+        applied = u * np.where(np.arange(2) == passive, gain, 1.0)
+        applied[robot.joint] += push * math.exp(-0.5 * ((t - 1.2) / 0.06) ** 2)
+        for _ in range(FINE):
+            torques = (applied - load.at(*x[:2])).tolist()
+            x = damped_midpoint_step(lumped, plant.friction, x, torques, float(period) / FINE, NUMPY)
+        past, since, t = [x, *past[:late]], period, t + period
+    return Moved(loop, state, core.found(NUMPY, loop, state), np.array(unknowns), rows)
 
 
-def found(
-    plant, change=lambda q: q, delay_steps=0, told=0, break_at=-1, push=None, periods=EVEN, settings=UNCOMPENSATED
-):
-    """The final memory and the unknowns of all steps, for angles changed on their way to the identifier."""
-    loop, _, _, find = programs(settings)
-    q, command = measured(plant, delay_steps, push)
-    memory, unknowns = find(jnp.asarray(change(q)), command, np.full(STEPS, told), break_at, periods)
-    return loop, memory, np.asarray(unknowns)
-
-
-def errors(unknowns, plant):
+def errors(unknowns, plant=OTHER):
     """Relative errors of the inertial parameters, the others' relative to the benchmark's ranges."""
     true = base_parameters(plant)
-    return np.abs(unknowns[:BASE] - true) / np.concatenate([true[:4], GRID])
+    return np.abs(unknowns[..., :BASE] - true) / np.concatenate([true[:4], GRID])
 
 
-def check_found(unknowns, plant):
+def check_found(unknowns):
     """1.6 s of a motion much slower than a swing-up: inertias first, small friction last."""
-    assert errors(unknowns, plant)[:4].max() < 0.025
-    assert errors(unknowns, plant).max() < 0.1
-
-
-@pytest.fixture(autouse=True)
-def _double():
-    with jax.enable_x64(True):
-        yield
+    assert errors(unknowns)[:4].max() < 0.025
+    assert errors(unknowns).max() < 0.1
 
 
 def test_it_finds_the_plant():
-    loop, memory, unknowns = found(OTHER)
-    assert errors(unknowns[0], OTHER).max() > 0.1
-    check_found(unknowns[-1], OTHER)
-    plant, friction = core.found(JAX, loop, memory)[1:3]
-    np.testing.assert_allclose(plant[:5], lump(OTHER)[:5], rtol=0.02)
-    assert float(friction.coulomb[0]) == pytest.approx(OTHER.cf1, abs=0.002)
-    deviation = np.sqrt(np.diagonal(memory.covariance) / np.diagonal(loop.covariance))
+    loop, state, found, unknowns, _ = moved(OTHER)
+    assert errors(unknowns[0]).max() > 0.1
+    check_found(unknowns[-1])
+    np.testing.assert_allclose(found.plant[:5], lump(OTHER)[:5], rtol=0.02)
+    assert found.friction.coulomb[0] == pytest.approx(OTHER.cf1, abs=0.002)
+    deviation = np.sqrt(np.diagonal(state.covariance) / np.diagonal(loop.covariance))
     assert (deviation >= 0).all()
     assert deviation[:4].max() < 0.25
 
 
 def test_the_nominal_plant_stays():
-    _, _, unknowns = found(NOMINAL)
-    assert max(errors(row, NOMINAL)[:4].max() for row in unknowns) < 0.025
-    assert max(errors(row, NOMINAL).max() for row in unknowns) < 0.1
+    found = errors(moved(NOMINAL).unknowns, NOMINAL)
+    assert found[:, :4].max() < 0.025
+    assert found.max() < 0.1
 
 
-def quantised(q):
+def quantised(step, q):
     """An encoder's steps."""
     return np.round(q / 3.81e-4) * 3.81e-4
 
 
-PUSH = 3.0 * np.exp(-0.5 * ((np.arange(STEPS) * DT - 1.2) / 0.06) ** 2)[:, None] * [0.0, 1.0]
-"""On the driven joint (N m)."""
-
-
 @pytest.mark.parametrize(
     "given",
-    [{"change": lambda q: (quantised(q) + np.pi) % (2 * np.pi) - np.pi}, {"push": PUSH}],
+    [{"change": lambda step, q: (quantised(step, q) + np.pi) % (2 * np.pi) - np.pi}, {"push": 3.0}],
     ids=["encoder and full turns", "a push is no mass"],
 )
 def test_it_finds_the_inertias_in_spite_of(given):
-    _, _, unknowns = found(OTHER, **given)
-    assert errors(unknowns[-1], OTHER)[:4].max() < 0.05
+    assert errors(moved(OTHER, **given).unknowns[-1])[:4].max() < 0.05
 
 
 def test_delay():
-    _, _, told = found(OTHER, delay_steps=5, told=5)
-    check_found(told[-1], OTHER)
-    _, _, untold = found(OTHER, delay_steps=2)
+    check_found(moved(OTHER, late=5, told=5).unknowns[-1])
     # 4 ms that nobody told.
-    assert untold[-1, LAG] == pytest.approx(0.004, abs=0.0015)
+    assert moved(OTHER, late=2).unknowns[-1, LAG] == pytest.approx(0.004, abs=0.0015)
 
 
 def test_a_pause_keeps_what_was_found():
-    _, memory, unknowns = found(OTHER, break_at=600)
+    _, state, _, unknowns, _ = moved(OTHER, break_at=600)
     assert np.abs(unknowns[601:608, :BASE] - unknowns[599, :BASE]).max() == 0
-    check_found(unknowns[-1], OTHER)
+    check_found(unknowns[-1])
     # Enough for the longest delay: it was counted from 0 again.
-    assert int(memory.calls) == 42
+    assert int(state.calls) == 42
 
 
 def test_what_is_learned_is_finite_or_nothing():
-    """Beside a covariance that overflows; in NumPy as well."""
+    """Beside a covariance that overflows."""
     loop = make_loop(NOMINAL, ROBOT.joint, DT, 25, IdentifierSettings())
     state = core.begin(NUMPY, loop)
-    with jax.enable_x64(True), np.errstate(over="ignore", invalid="ignore"):
-        observe = jax.jit(lambda memory, q: core.observe(JAX, loop, memory, q, jnp.array(0), jnp.array(DT)))
-        memory = core.begin(JAX, loop)
-        for step in range(60):
+    for step in range(60):
+        if step == 50:
+            state.covariance[:], kept = 1e308, state.unknowns
+        with np.errstate(over="ignore", invalid="ignore"):
             q = np.array([0.5 + 0.02 * step, 0.3 * np.sin(0.1 * step)])
-            if step == 50:
-                memory = memory._replace(covariance=jnp.full_like(memory.covariance, 1e308))
-                state.covariance[:] = 1e308
-                kept = state.unknowns
-            memory = observe(memory, jnp.asarray(q))
             state = core.observe(NUMPY, loop, state, q, 0, DT)
     assert not np.array_equal(kept, loop.mean)
     np.testing.assert_array_equal(state.unknowns, kept)
-    np.testing.assert_allclose(memory.unknowns, kept, rtol=1e-6, atol=1e-9)
-    assert np.isfinite(memory.covariance).all()
+    assert np.isfinite(state.covariance).all()
 
 
 def test_hat():
@@ -181,66 +174,94 @@ def test_hat():
     assert slope.sum() == pytest.approx(0)
     # A ramp of 1 N m/s, which the torque follows in the middle of each step.
     assert slope @ -np.array([0.5, 2.0, 5.0, 7.5]) == pytest.approx(1)
-    even = hat_weights(np, np.full(6, 0.002), 0.002 * np.arange(7), 0.006, 0.012)
-    np.testing.assert_allclose(even[0], np.array([0.5, 1.5, 2.5, 2.5, 1.5, 0.5]) / 9, rtol=1e-12)
-    np.testing.assert_allclose(even[1], np.array([1, 1, 1, -1, -1, -1]) / (9 * 0.002), rtol=1e-12)
 
 
 @pytest.mark.parametrize("by", [1.0, np.nan])
 def test_one_spoilt_angle_is_soon_forgotten(by):
-    def spoil(q):
-        q[600, 1] += by
-        return q
-
-    _, memory, unknowns = found(OTHER, spoil)
-    check_found(unknowns[-1], OTHER)
+    _, state, _, unknowns, _ = moved(OTHER, change=lambda step, q: q + np.array([0.0, by if step == 600 else 0.0]))
+    check_found(unknowns[-1])
     # Ten first deviations are the most, and they fall.
-    assert float(max(memory.variance)) < 1.44
+    assert max(state.variance) < 1.44
     if np.isnan(by):
         np.testing.assert_array_equal(unknowns[600], unknowns[599])
 
 
 def test_negative_friction_is_found_and_not_predicted_with():
     loop = make_loop(NOMINAL, ROBOT.joint, DT, 25, UNCOMPENSATED)
-    memory = core.begin(JAX, loop)
-    memory = memory._replace(unknowns=memory.unknowns.at[4:8].set(jnp.array([-0.1, 0.1, 0.2, -0.2])))
-    told = core.found(JAX, loop, memory)
+    state = core.begin(NUMPY, loop)
+    state.unknowns[4:8] = -0.1, 0.1, 0.2, -0.2
+    told = core.found(NUMPY, loop, state)
     np.testing.assert_allclose(told.theta[4:8], [-0.1, 0.1, 0.2, -0.2], rtol=1e-6)
     np.testing.assert_allclose(told.friction, [[0.0, 0.1], [0.2, 0.0]], rtol=1e-6, atol=1e-12)
 
 
-def spoilt(q):
-    q = quantised(q)
-    q[300, 0], q[600, 1] = 1e7, np.nan
-    return q
+def spoilt(step, q):
+    return {300: np.array([1e7, q[1]]), 600: np.array([q[0], np.nan])}.get(step, quantised(step, q))
 
 
 @pytest.mark.parametrize(
-    ("change", "told", "break_at", "periods", "settings"),
+    "given",
     [
-        (lambda q: q, 0, -1, EVEN, UNCOMPENSATED),
-        (quantised, 3, 400, EVEN, UNCOMPENSATED),
-        (spoilt, 1, -1, EVEN, LOADED),
-        (spoilt, np.arange(STEPS) // 150 % 4, 400, UNEVEN, UNCOMPENSATED),
+        {"change": quantised, "late": 1, "told": 3, "break_at": 400},
+        {"change": spoilt, "late": 1, "told": 1, "settings": LOADED},
+        {"change": spoilt, "told": np.arange(STEPS) // 150 % 4, "break_at": 400, "periods": UNEVEN},
     ],
+    ids=["a pause", "loads", "another clock and changing delays"],
 )
-def test_numpy_finds_the_same(change, told, break_at, periods, settings):
-    """Also with the clock of another loop, changing delays and loads."""
-    loop, memory, unknowns = found(OTHER, change, 1, told, break_at, periods=periods, settings=settings)
-    q, command = measured(OTHER, 1)
-    state, scale = core.begin(NUMPY, loop), np.sqrt(np.diagonal(loop.covariance))
-    rows = []
-    told = np.broadcast_to(told, STEPS).tolist()
-    for index, (angles, torque) in enumerate(zip(change(q).tolist(), command.tolist(), strict=True)):
-        if index == break_at:
-            state = core.restart(NUMPY, loop, state)
-        with np.errstate(invalid="ignore"):
-            state = core.observe(NUMPY, loop, state, np.array(angles), told[index], periods[index])
-        state = core.remember(NUMPY, state, np.array(torque))
-        rows.append(state.unknowns)
-    np.testing.assert_allclose(np.array(rows) / scale, unknowns / scale, rtol=0, atol=1e-9)
-    leaves = (jax.tree.leaves(each) for each in (core.found(NUMPY, loop, state), core.found(JAX, loop, memory)))
+def test_jax_finds_the_same(x64, given):
+    loop, _, found, unknowns, rows = moved(OTHER, **given)
+
+    def step(memory, row):
+        broken, angles, delay, period, torques = row
+        again = core.restart(JAX, loop, memory)
+        memory = jax.tree.map(lambda new, old: jnp.where(broken, new, old), again, memory)
+        memory = core.remember(JAX, core.observe(JAX, loop, memory, angles, delay, period), torques)
+        return memory, memory.unknowns
+
+    columns = tuple(jnp.array(column) for column in zip(*rows, strict=True))
+    memory, expected = jax.jit(lambda rows: jax.lax.scan(step, core.begin(JAX, loop), rows))(columns)
+    scale = np.sqrt(np.diagonal(loop.covariance))
+    np.testing.assert_allclose(unknowns / scale, expected / scale, rtol=0, atol=1e-9)
+    leaves = (jax.tree.leaves(each) for each in (found, core.found(JAX, loop, memory)))
     for ours, other in zip(*leaves, strict=True):
         np.testing.assert_allclose(ours, other, rtol=0, atol=1e-9)
-    if periods is EVEN:
-        assert errors(state.unknowns, OTHER)[:4].max() < 0.05
+
+
+@pytest.mark.parametrize("periods", [RECORDED, np.full(STEPS, 0.0025)], ids=["recorded", "400 Hz"])
+def test_it_finds_the_plant_at_other_periods(periods):
+    found = moved(OTHER, periods=periods)
+    check_found(found.unknowns[-1])
+    # Present angles tell no age, also where calls are uneven.
+    assert found.state.age == 0
+
+
+def test_uneven_calls_tell_the_age_which_makes_late_angles_as_good_as_present_ones(monkeypatch):
+    known = moved(OTHER, late=3, periods=RECORDED)
+    monkeypatch.setattr(chosen, "AGE_CAUTION", math.inf)  # the age stays 0
+    unknown = moved(OTHER, late=3, periods=RECORDED)
+    assert (known.state.age, unknown.state.age) == (3, 0)
+    good, bad = (errors(each.unknowns[-1])[:4].max() for each in (known, unknown))
+    assert good < 0.02
+    assert bad > 5 * good
+    # Of even calls an age is a delay like any other.
+    assert moved(OTHER, late=1).state.age == 0
+
+
+def test_old_angles_are_carried_ahead_over_the_time_that_passed():
+    """Where calls come late: the time since the angles, not so many of the last call's periods."""
+    steps = np.array([0.003, 0.002, 0.004, 0.002])
+    for age, expected in ((0, 0.0), (1, 0.0025), (3, 0.0075)):
+        state = IdentifierState(*[None] * len(IdentifierState._fields))._replace(age=np.array(age), steps=steps)
+        assert core.elapsed(NUMPY, state, 0.0025) == pytest.approx(expected, abs=1e-15)
+
+
+@pytest.mark.parametrize(("pause", "calls"), [(3.9, 31), (4.1, 1), (-1.0, 1), (5e-7, 30), (0.61, 31)])
+def test_a_pause_interrupts(pause, calls):
+    """After a longer one the motion before is forgotten; a call that comes too soon is not seen."""
+    parts = {"estimator": EstimatorSettings(), "identifier": IdentifierSettings()}
+    controller = numpy_controller(dataclasses.replace(policy(SIGHTED), **parts))
+    for call in (*range(30), 29 + pause):
+        controller(np.zeros(4), DT * call)
+    state = controller.inner.state.identified
+    assert state.calls == calls
+    assert 0.5 * DT <= min(state.steps) <= max(state.steps) < 4 * DT
