@@ -15,19 +15,16 @@ from learner.contract import TINY
 from learner.environments import Noisy
 from policies import lone_policy
 from refusals import refusal
-from swingup import AREAPO, identify, judge, loop_controller, search
+from swingup import AREAPO, get_controller, identify, judge, leaderboard, load_plant, loop_controller, score, search
 from swingup.areapo.config import Config
 from swingup.benchmark.boards import ROBUSTNESS
 from swingup.benchmark.disturbances import DisturbanceSettings
 from swingup.benchmark.grid import change_grid
-from swingup.benchmark.leaderboard import leaderboard
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import PushRules
-from swingup.benchmark.score import score
 from swingup.cli.plotting import plot_command
 from swingup.common.text import one_line, quoted
 from swingup.controllers.baselines.baselines import baseline, shipped_reference
-from swingup.controllers.registry import get_controller
 from swingup.controllers.stack.controller import policy_of
 from swingup.controllers.stack.policy import Policy
 from swingup.export.c_backend.header import c_header
@@ -36,8 +33,8 @@ from swingup.identification.excite.excite import excite
 from swingup.learner.run_settings import RunSettings
 from swingup.loop.domain import load_domain
 from swingup.loop.on_plant import loop_around
-from swingup.plant.plant import load_plant
 from swingup.plant.robots import ROBOTS
+from swingup.plant.units import scales_of
 from swingup.policy.shipped import load_policy
 from swingup.refine.recipe import RECIPES, run_recipe
 from swingup.report.film import animate
@@ -148,6 +145,8 @@ TOGETHER = {
     "5000 frames of 4194304 pixels": lambda: animate([(STILL, "acrobot")], "film.gif", speed=0.01, size=2048),
     "for the pendubot, not for the acrobot": lambda: PendulumEnv("acrobot", PENDUBOTS),
     "has a plant of its own": lambda: PendulumVectorEnv("pendubot", task=PENDUBOTS, plant="A.0"),
+    "level arm is -": lambda: scales_of(load_plant("C.1").driven(ACROBOT).changed(r1=-1.0)),
+    "inertia is -": lambda: scales_of(load_plant("C.1").driven(ACROBOT).changed(I1=-1.0, Ir=1.0)),
     "unknown task 'hover'": lambda: get_task("hover", ACROBOT),
     "the policy sees its plant": lambda: run_recipe(POLICIES[0], ROBOTS["acrobot"], RECIPES["recover"]),
     "give a domain, not a plant": lambda: run_recipe(POLICIES[1], ROBOTS["acrobot"], RECIPES["adapt"], plant="C.0"),

@@ -66,18 +66,10 @@ def assert_exact(found):
         assert found[name].tobytes() == array.tobytes()
 
 
-def test_round_trip_is_exact(path):
-    save_arrays(path, KIND, VERSION, {"frames": 12, "bad": [np.inf]}, ARRAYS)
-    found, read_back = read(path)
-    assert found == {**HEAD, "frames": 12, "bad": [None]}
-    assert_exact(read_back)
-    assert all(array.flags.writeable for array in read_back.values())
-
-
 def test_safetensors_reads_what_is_written_where_it_can_be_mapped(path):
-    save_arrays(path, KIND, VERSION, {"frames": 12}, ARRAYS)
+    save_arrays(path, KIND, VERSION, {"frames": 12, "bad": [np.inf]}, ARRAYS)
     assert_exact(load_file(path))
-    assert read_metadata(path) == {**HEAD, "frames": 12}
+    assert read_metadata(path) == {**HEAD, "frames": 12, "bad": [None]}
     content = path.read_bytes()
     start = 8 + int.from_bytes(content[:8], "little")
     header = json.loads(content[8:start])
@@ -91,6 +83,7 @@ def test_what_safetensors_writes_is_read(path):
     found, read_back = read(path)
     assert found == HEAD
     assert_exact(read_back)
+    assert all(array.flags.writeable for array in read_back.values())
 
 
 def test_metadata_of_another_file_is_passed_on_without_its_kind(path):

@@ -9,11 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from swingup import BOARDS, SwingupError, load_plant, measured_plant, save_plant, score
 from swingup.areapo.checkpoint import load_checkpoint, read_metadata
-from swingup.benchmark.boards import BOARDS
-from swingup.benchmark.score import score
 from swingup.benchmark.trajectory_file import load_trajectory
-from swingup.common.errors import SwingupError
 from swingup.controllers.swingups.reference import load_reference
 from swingup.controllers.swingups.trajectory_csv import load_reference_csv
 from swingup.export.c_backend.header import c_header
@@ -21,9 +19,6 @@ from swingup.identification.log.recording import read_recording
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run_settings import read_run_settings
 from swingup.loop.domain import load_domain
-from swingup.plant.measured import measured_plant
-from swingup.plant.plant import load_plant
-from swingup.plant.save import save_plant
 from swingup.policy.file import read_network
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.pendulum import read_pendulum_policy

@@ -6,6 +6,7 @@ import pytest
 from synthetic import QUANTUM, step
 
 from refusals import refusal
+from swingup import identify, load_plant
 from swingup.cli import main, pendulums
 from swingup.common.table import write_columns
 from swingup.controllers.swingups.trajectory_csv import load_reference_csv
@@ -15,11 +16,9 @@ from swingup.identification.excite.prior import corner_models, draw_models, prio
 from swingup.identification.excite.rollouts import Sequences, simulate
 from swingup.identification.excite.waves import PERIOD, REST, SHARES, TILTS, multisines
 from swingup.identification.fit.prediction import INDEX, integration_of, vector_of
-from swingup.identification.identify import identify
 from swingup.identification.log.recording import read_recording
 from swingup.identification.results import TITLES
 from swingup.loop.domain import make_domain
-from swingup.plant.plant import load_plant
 
 C1 = load_plant("C.1")
 SETTING = integration_of(C1).coarse

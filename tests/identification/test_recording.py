@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
-from synthetic import HEADER, QUANTUM, TRUTH, simulate, write
+from synthetic import HEADER, QUANTUM, write
 
 from refusals import refusal
-from swingup.identification.fit.prediction import integration_of, predict, vector_of
 from swingup.identification.fit.scoring import ErrorRow, score_windows, summarise
 from swingup.identification.log.recording import read_recording
 from swingup.identification.log.smoothing import smooth
-from swingup.plant.plant import load_plant
 
 TIME = np.arange(0, 3, 0.002)
 ANGLES = np.column_stack([np.sin(3 * TIME), 0.5 * np.cos(5 * TIME)])
@@ -115,17 +113,6 @@ def test_windows_start_every_tenth_of_a_second_where_a_joint_is_fast(tmp_path):
     assert windows.start[0] == pytest.approx(1.5, abs=0.11)
     np.testing.assert_allclose(np.diff(windows.start), 0.1)
     assert windows.start[-1] == pytest.approx(3.4)
-
-
-def test_the_true_plant_predicts_a_simulation(tmp_path):
-    recording = read_recording(write(tmp_path / "log.csv", simulate()))
-    windows = score_windows([recording])
-    model = vector_of(TRUTH, 0.003, 3e-4)
-    model[9:11] = 0.012, -0.02
-    errors = predict(integration_of(TRUTH), model, windows) - windows.states[:, 1:]
-    assert np.median(np.abs(errors[:, 4]), axis=0) == pytest.approx(0.0, abs=0.03)
-    wrong = predict(integration_of(TRUTH), vector_of(load_plant("C.1")), windows) - windows.states[:, 1:]
-    assert np.median(np.abs(wrong[:, 4, :2])) > 5 * np.median(np.abs(errors[:, 4, :2]))
 
 
 def cubics(t):

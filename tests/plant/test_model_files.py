@@ -8,12 +8,11 @@ import yaml
 
 from plant.mujoco_twin import largest_difference
 from refusals import refusal
+from swingup import measured_plant, save_plant
 from swingup.loop.domain import load_domain
 from swingup.loop.on_plant import plant_as_domain
-from swingup.plant.measured import measured_plant
 from swingup.plant.model_files.files import read_model
 from swingup.plant.plant import NAMES, SHIPPED_PLANTS, load_plant
-from swingup.plant.save import save_plant
 
 DATA = Path(__file__).parent / "data"
 NOT_IN_URDF = {"l2", "Ir", "gr"}

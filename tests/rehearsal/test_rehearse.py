@@ -10,6 +10,7 @@ import pytest
 
 import swingup
 from refusals import refusal
+from swingup import load_policy, rehearse
 from swingup.benchmark.boards import PERFORMANCE
 from swingup.cli import main
 from swingup.export.cloudpendulum import CloudPendulumController
@@ -18,11 +19,9 @@ from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.policy.guard.settings import GuardSettings
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.plant_facts import policy_plant
-from swingup.policy.shipped import load_policy
 from swingup.rehearsal.folder import Folder, find_folder
 from swingup.rehearsal.loop import FolderController, PacedController
 from swingup.rehearsal.process import FolderProcess, Reply
-from swingup.rehearsal.rehearse import rehearse
 from swingup.runtime import load_controller
 
 BRIEF = dataclasses.replace(PERFORMANCE, duration=1.5)
