@@ -171,6 +171,7 @@ TOGETHER = {
     "report of no robot": lambda: render_page([]),
     "has no stage": lambda: policy_of(dataclasses.replace(LONE, policy=Policy((abs,), LONE.policy.actor))),
     "callback = 3": lambda: AREAPO(Noisy, **TINY).learn(64, 3),
+    "is not a run's folder": lambda: AREAPO.load("."),
     "scored by one episode": lambda: AREAPO("pendubot", **TINY).evaluate(100),
 }
 """Arguments of which each alone is good."""

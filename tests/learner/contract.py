@@ -1,7 +1,6 @@
 """The contract of tasks that adapt environments of other packages: what the learner counts on."""
 
-from dataclasses import dataclass
-from typing import Any
+from collections import namedtuple
 
 import equinox as eqx
 import jax
@@ -16,20 +15,12 @@ TINY = {
 
 
 def moved_by(place, time):
-    """The last observation as a function of the first one."""
     return lambda start: start + np.array([place, time])
 
 
-@dataclass(frozen=True)
-class Ending:
-    """An action that, held from the start, ends an episode."""
-
-    action: Any
-    steps: int
-    """Steps until it ends."""
-    terminated: bool
-    last: Any
-    """The observation that a step must return there, as a function of the first one."""
+Ending = namedtuple("Ending", "action steps terminated last")
+"""An action that, held from the start, ends an episode after some steps, of the task or of its time; and the last
+observation as a function of the first one."""
 
 
 def check_contract(task, endings):

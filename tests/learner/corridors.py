@@ -1,89 +1,71 @@
-"""Small environments in gymnax's style, which need no gymnax and compile in no time."""
+"""Small environments in the styles of gymnax, envelope and brax, which need none of them and compile in no time.
+
+In all of them one walks from near 0: beyond a door they end, and going there pays.
+"""
 
 import functools
-from typing import NamedTuple
+from collections import namedtuple
+from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+Box = namedtuple("Box", "low high shape dtype", defaults=(jnp.float32,))
+Discrete = namedtuple("Discrete", "n")
+PyTreeSpace = namedtuple("PyTreeSpace", "tree")
+BatchedSpace = namedtuple("BatchedSpace", "space batch_size")
+PACES, PLACES = Box(-1.0, 3.0, (1, 1)), Box(-9.0, 9.0, (1, 2))
 
-class Box(NamedTuple):
-    low: object
-    high: object
-    shape: tuple
-    dtype: object = jnp.float32
-
-
-class Discrete(NamedTuple):
-    n: int
-
-
-class Params(NamedTuple):
-    pace: float = 0.5
-    door: float = 2.0
-    max_steps_in_episode: int = 6
+Params = namedtuple("Params", "pace door max_steps_in_episode", defaults=(0.5, 2.0, 6))
+State = namedtuple("State", "place time")
+Info = namedtuple("Info", "obs reward terminated truncated", defaults=(False,))
+BraxState = namedtuple("BraxState", "data obs reward done metrics info")
 
 
-class State(NamedTuple):
-    place: jax.Array
-    time: int
+def begin(key):
+    return State(jax.random.uniform(key, (), minval=-0.1, maxval=0.1), 0)
 
 
-class Base:
-    """What gymnax's base class does."""
+def seen(state):
+    return jnp.array([[state.place, 0.5 * state.time]])
+
+
+def walk(state, action, pace, door):
+    """The next state, the reward, and whether the door was passed."""
+    action = jnp.asarray(action, float).ravel()[0]
+    after = State(state.place + pace * action, state.time + 1)
+    # The corridor ends at the door: a learner that goes on without a reset sees NaN.
+    return after, jnp.where(state.place > door, jnp.nan, action), after.place > door
+
+
+class Corridor:
+    """Gymnax's style, with what its base class does."""
+
+    default_params = Params()
+
+    def __init__(self, actions=PACES, observations=PLACES):
+        self.action_space, self.observation_space = (lambda params: actions), (lambda params: observations)
 
     @functools.partial(jax.jit, static_argnames=("self",))
     def step(self, key, state, action, params):
         step_key, reset_key = jax.random.split(key)
         last, after, reward, terminated, info = self.step_env(step_key, state, action, params)
         truncated = self.is_truncated(after, params)
-        fresh = self.reset_env(reset_key, params)
+        fresh = self.reset(reset_key, params)
         ended = terminated | truncated
         seen, state = jax.tree.map(lambda new, old: jnp.where(ended, new, old), fresh, (last, after))
         return seen, state, reward, terminated, truncated, {**info, "final_observation": last}
 
-    def reset(self, key, params):
-        return self.reset_env(key, params)
-
     def is_truncated(self, state, params):
         return state.time >= params.max_steps_in_episode
 
-
-class Corridor(Base):
-    """Walk from near 0: beyond ``door`` it terminates; going there pays."""
-
-    default_params = Params()
-
-    def __init__(self, actions=None, observations=None):
-        self.actions = actions or Box(-1.0, 3.0, (1, 1))
-        self.observations = observations or Box(-9.0, 9.0, (1, 2))
-
-    def action_space(self, params):
-        return self.actions
-
-    def observation_space(self, params):
-        return self.observations
-
-    def observe(self, state):
-        return jnp.array([[state.place, 0.5 * state.time]])
-
-    def reset_env(self, key, params):
-        state = State(jax.random.uniform(key, (), minval=-0.1, maxval=0.1), 0)
-        return self.observe(state), state
+    def reset(self, key, params):
+        return seen(begin(key)), begin(key)
 
     def step_env(self, key, state, action, params):
-        pace = jnp.asarray(action, float).reshape(())
-        after = State(state.place + params.pace * pace, state.time + 1)
-        # The corridor ends at the door: a learner that goes on without a reset sees NaN.
-        reward = jnp.where(state.place > params.door, jnp.nan, pace)
-        return self.observe(after), after, reward, after.place > params.door, {}
-
-
-class Turns(Corridor):
-    """The corridor with three choices: stay, walk, run."""
-
-    def __init__(self):
-        super().__init__(Discrete(3))
+        after, reward, terminated = walk(state, action, params.pace, params.door)
+        return seen(after), after, reward, terminated, {}
 
 
 class Logged:
@@ -102,3 +84,42 @@ class Logged:
     def step(self, key, state, action, params):
         seen, inner, reward, terminated, truncated, info = self._env.step(key, state[0], action, params)
         return seen, (inner, state[1] + reward), reward, terminated, truncated, info
+
+
+class Hall(eqx.Module):
+    """Envelope's style."""
+
+    door: float = 2.0
+    max_steps: int = 6
+    action_space: Any = eqx.field(static=True, default=PACES)
+    observation_space: Any = eqx.field(static=True, default=PLACES)
+
+    def init(self, key):
+        # Python's numbers, as envelope's own adapters return them.
+        return begin(key), Info(seen(begin(key)), 0.0, False)
+
+    def step(self, state, action):
+        after, reward, terminated = walk(state, action, 0.5, self.door)
+        return after, Info(seen(after), reward, terminated, after.time >= self.max_steps)
+
+
+class Room:
+    """Brax's style, whose flags are numbers: done beyond 2.25 and after 6 steps, which ``info`` may tell."""
+
+    action_size = 1
+    dt = 0.5
+
+    def __init__(self, limit="time_out", observe=lambda seen: seen, **first):
+        self.limit, self.observe, self.first = limit, observe, first
+
+    def reset(self, key):
+        return self.state(begin(key))
+
+    def state(self, at):
+        left, late = at.place > 2.25, jnp.asarray(at.time) >= 6
+        info = {} if self.limit is None else {self.limit: late.astype(float)}
+        done = jnp.asarray(left | late, jnp.float32)
+        return BraxState(at, self.observe(seen(at)), at.place, done, {"place": at.place}, info | self.first)
+
+    def step(self, state, action):
+        return self.state(walk(state.data, action, 0.5, 2.25)[0])

@@ -2,10 +2,7 @@
 
 import dataclasses
 from collections import namedtuple
-from collections.abc import Callable
-from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -23,74 +20,32 @@ from swingup.tasks.envelope_task import EnvelopeTask
 from swingup.tasks.gymnax_task import GymnaxTask
 from swingup.tasks.presets import smooth_task
 
-from . import corridors, halls
+from . import corridors
 from .contract import TINY, Ending, check_contract, moved_by
-from .corridors import Box, Corridor, Logged, Params, Turns
-from .halls import BatchedSpace, Continuous, Crossing, Hall, PyTreeSpace
+from .corridors import PACES, PLACES, Corridor, Discrete, Hall, Logged, Params, Room
 
 SMOOTH = dataclasses.replace(smooth_task(ROBOTS["acrobot"]), truncation_probability=0.0)
 ACROBOT = PendulumEnvironment("acrobot", SMOOTH)
 
-
-class Bare:
-    """The corridor without ``step``."""
-
-    def __init__(self):
-        self.inner = Corridor()
-        for name in ("default_params", "action_space", "observation_space", "reset", "step_env", "is_truncated"):
-            setattr(self, name, getattr(self.inner, name))
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass
-class BraxState:
-    """As brax and MuJoCo Playground have it: flags are numbers."""
-
-    data: Any
-    obs: Any
-    reward: Any
-    done: Any
-    metrics: dict
-    info: dict
-
-
-class Room:
-    """Brax's: walk from near 0; beyond 2.25 it is done, and after 6 steps, for which ``info`` may have a word."""
-
-    action_size = 1
-    dt = 0.5
-
-    def __init__(self, limit="time_out", observe=lambda seen: seen, **first):
-        self.limit, self.observe, self.first = limit, observe, first
-
-    def reset(self, key):
-        return self.state(jax.random.uniform(key, (), minval=-0.1, maxval=0.1), 0)
-
-    def state(self, place, time):
-        left, late = place > 2.25, jnp.asarray(time) >= 6
-        info = {} if self.limit is None else {self.limit: late.astype(float)}
-        seen = jnp.stack([place, 0.5 * time])[None]
-        done = jnp.asarray(left | late, jnp.float32)
-        return BraxState((place, time), self.observe(seen), place, done, {"place": place}, info | self.first)
-
-    def step(self, state, action):
-        place, time = state.data
-        return self.state(place + 0.5 * action[0], time + 1)
-
+BARE = ("default_params", "action_space", "observation_space", "reset", "step_env", "is_truncated")
+Bare = type("Bare", (), {name: staticmethod(getattr(Corridor(), name)) for name in BARE})
+"""The corridor without ``step``."""
 
 # Scaled to [-1, 3]: an action of 1 walks 0.5 * 3 = 1.5 a step, beyond the door at 2 in the second step; -0.5 stands
 # still, and the limit is 6 steps.
 WALKS = [Ending(1.0, 2, True, moved_by(3.0, 1.0)), Ending(-0.5, 6, False, moved_by(0.0, 3.0))]
 # A choice of 1 walks 0.5 a step, beyond a door at 2.25 in the fifth step, wherever it starts.
 STEPS = [Ending(1, 5, True, moved_by(2.5, 2.5)), Ending(0, 6, False, moved_by(0.0, 3.0))]
-SILENT = [dataclasses.replace(each, terminated=True) for each in STEPS]
+# Three directions along the hall and two across, which do not matter.
+CROSSING = Discrete((3, 2))
+SILENT = [each._replace(terminated=True) for each in STEPS]
 TASKS = {
     "gymnax box": (GymnaxTask(Corridor()), WALKS),
     "gymnax wrapper": (GymnaxTask(Logged(Corridor())), WALKS),
     "gymnax step_env": (GymnaxTask(Bare()), WALKS),
-    "gymnax discrete": (GymnaxTask(Turns(), Params(door=2.25)), STEPS),
+    "gymnax discrete": (GymnaxTask(Corridor(Discrete(3)), Params(door=2.25)), STEPS),
     "envelope box": (EnvelopeTask(Hall()), WALKS),
-    "envelope choices": (EnvelopeTask(Crossing(door=2.25)), [dataclasses.replace(STEPS[0], action=(1, 1))]),
+    "envelope choices": (EnvelopeTask(Hall(2.25, action_space=CROSSING)), [STEPS[0]._replace(action=(1, 1))]),
     "brax": (BraxTask(Room()), STEPS),
     "brax truncation": (BraxTask(Room("truncation")), STEPS),
     # An end without a word terminates, and the actor sees its own part.
@@ -131,7 +86,7 @@ def test_what_is_taken_for_such_an_environment():
     assert (as_task(env).params.door, as_task((env, Params(door=3.0))).params.door) == (2.0, 3.0)
     assert isinstance(task, EnvelopeTask)
     assert (task.observation_size, task.action_size, task.choices) == (2, 1, ())
-    assert EnvelopeTask(Crossing()).choices == (3, 2)
+    assert EnvelopeTask(Hall(action_space=CROSSING)).choices == (3, 2)
     room = Room()
     assert isinstance(as_task(room), BraxTask)
     assert (as_task(room).observation_size, as_task(room).timed) == (2, (room, room))
@@ -161,46 +116,36 @@ class BrokenHall(Hall):
         raise RuntimeError("no floor")
 
 
-class Changed(Hall):
+def changed(**entries):
     """A hall that returns other information: None takes an entry out."""
 
-    start: Callable = eqx.field(static=True, default=dict)
+    class Changed(Hall):
+        def init(self, key):
+            state, info = Hall.init(self, key)
+            given = {name: value for name, value in (info._asdict() | entries).items() if value is not None}
+            return state, namedtuple("Bag", given)(**given)
 
-    def init(self, key):
-        state, info = Hall.init(self, key)
-        return state, self.changed(info)
-
-    def step(self, state, action):
-        after, info = Hall.step(self, state, action)
-        return after, self.changed(info)
-
-    def changed(self, info):
-        given = {name: value for name, value in {**info._asdict(), **self.start()}.items() if value is not None}
-        return namedtuple("Bag", given)(**given)
+    return Changed()
 
 
-BOX = Continuous(-1.0, 1.0, (1, 1))
 REFUSED = {
     GymnaxTask: {
-        "have no bounds to scale to": Corridor(Box(-np.inf, 1.0, (1,))),
-        "whole numbers in a Box": Corridor(Box(0, 3, (1,), jnp.int32)),
-        "are empty: give them a choice": Corridor(corridors.Discrete(0)),
-        "are not a Box": Corridor(observations=corridors.Discrete(4)),
+        "are empty: give them a choice": Corridor(Discrete(0)),
+        "are not a Box": Corridor(observations=Discrete(4)),
         "returns 5 values": Returning(lambda o, s, r, e, t, i: (o, s, r, e | t, i)),  # as before gymnax 1.0
         "hides the last observation": Returning(lambda *answer: (*answer[:5], {})),
         "from ": Growing(),
         "leaf 'fast'": (Corridor(), Params(pace="fast")),
     },
     EnvelopeTask: {
-        "several environments in one": Hall(action_space=BatchedSpace(BOX, 8)),
-        "envelope.FlattenActionWrapper": Hall(action_space=PyTreeSpace((BOX, BOX))),
-        "envelope.ContinuousObservationWrapper": Hall(observation_space=PyTreeSpace((BOX, halls.Discrete(2)))),
+        "several environments in one": Hall(action_space=corridors.BatchedSpace(PACES, 8)),
+        "envelope.FlattenActionWrapper": Hall(action_space=corridors.PyTreeSpace((PACES, PACES))),
+        "ContinuousObservationWrapper": Hall(observation_space=corridors.PyTreeSpace((PLACES, PLACES))),
         "leaf 'shut'": Hall(door="shut"),
-        "leave AutoResetWrapper out": Changed(start=lambda: {"final_valid": True}),
-        "leave ObservationNormalizationWrapper out": Changed(start=lambda: {"unnormalized_obs": 0.0}),
-        "has no truncated": Changed(start=lambda: {"truncated": None}),
-        "pays 3 rewards": Changed(start=lambda: {"reward": np.zeros(3)}),
-        "images": Changed(start=lambda: {"obs": np.zeros((4, 4, 3), np.uint8)}),
+        "leave AutoResetWrapper out": changed(final_valid=True),
+        "leave ObservationNormalizationWrapper out": changed(unnormalized_obs=0.0),
+        "has no truncated": changed(truncated=None),
+        "pays 3 rewards": changed(reward=np.zeros(3)),
         "raised RuntimeError (no floor)": BrokenHall(),
     },
     BraxTask: {
@@ -300,7 +245,7 @@ def test_a_terminating_environment_of_the_package():
 BRIEF = Params(max_steps_in_episode=5)
 ENVS = {
     "learner.corridors.Corridor": ((Corridor(), BRIEF), (Corridor(), Params(door=0.15))),
-    "learner.halls.Hall": (Hall(max_steps=5), Hall(door=0.15)),
+    "learner.corridors.Hall": (Hall(max_steps=5), Hall(door=0.15)),
 }
 """Environments, and others with the same spaces whose door is a step away."""
 
@@ -330,4 +275,4 @@ def test_an_environment_trains_saves_and_goes_on(tmp_path, name):
     found = model.evaluate(2, env=near)
     assert (found["mean_length"], found["resets_per_1000_steps"]) == (1.0, 1000.0)
     assert 0.0 < found["score"] < 3.0
-    assert "the environment's are 1 choices of 3" in refusal(model.evaluate, 2, env=Turns())
+    assert "the environment's are 1 choices of 3" in refusal(model.evaluate, 2, env=Corridor(Discrete(3)))

@@ -13,7 +13,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -95,9 +94,11 @@ def signals_as_they_were():
 
 
 @pytest.fixture
-def brief():
+def folder(tmp_path):
+    """That of a run of two iterations, whose policies are judged briefly for the whole test."""
     with briefly_judged():
-        yield
+        run(tmp_path / "r", 2)
+        yield tmp_path / "r"
 
 
 def best_score(row):
@@ -121,16 +122,14 @@ def test_killed_processes_resume_to_the_same_bits(tmp_path, task):
     assert [path.name for path in (tmp_path / "part").rglob(".*")] == [".lock"]
 
 
-@pytest.mark.usefixtures("brief")
 @pytest.mark.slow
-def test_two_processes_do_not_train_in_one_folder(tmp_path):
-    run(tmp_path / "r", 2)
-    with (tmp_path / "r" / ".lock").open("ab") as file:
+def test_two_processes_do_not_train_in_one_folder(folder):
+    with (folder / ".lock").open("ab") as file:
         fcntl.flock(file, fcntl.LOCK_EX)  # as another process would hold it
-        resumed = resume_run(tmp_path / "r", 4 * FRAMES)
-        assert f"another process trains in {tmp_path / 'r'}" in refusal(list, resumed.advance())
-    late = resume_run(tmp_path / "r", 4 * FRAMES)
-    list(resume_run(tmp_path / "r", 4 * FRAMES).advance())
+        resumed = resume_run(folder, 4 * FRAMES)
+        assert f"another process trains in {folder}" in refusal(list, resumed.advance())
+    late = resume_run(folder, 4 * FRAMES)
+    list(resume_run(folder, 4 * FRAMES).advance())
     # Who read the checkpoint before the other one trained does not undo its work.
     assert "has moved on to 256 frames" in refusal(list, late.advance())
 
@@ -154,42 +153,25 @@ def test_what_a_file_system_says_of_locks(tmp_path, monkeypatch, number, message
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("brief")
-def test_a_full_disk_leaves_the_last_good_checkpoint(tmp_path):
-    run(tmp_path / "r", 2)
+def test_a_full_disk_leaves_the_last_good_checkpoint(folder, tmp_path):
     # Resumed once before: the compiled program, which JAX keeps in a file, shall not meet the limit below.
-    list(resume_run(tmp_path / "r", 4 * FRAMES).advance())
-    checkpoint = tmp_path / "r" / "checkpoints" / "000000000256.safetensors"
-    good = load_file(checkpoint)
-    files = sorted(Path(tmp_path / "r").rglob("*.safetensors"))
+    list(resume_run(folder, 4 * FRAMES).advance())
+    checkpoint, files = folder / "checkpoints" / "000000000256.safetensors", sorted(folder.rglob("*.safetensors"))
+    good = checkpoint.read_bytes()
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     try:
         # The kernel refuses to write beyond this, in the midst of a file, as it does on a full disk.
-        resource.setrlimit(resource.RLIMIT_FSIZE, (checkpoint.stat().st_size // 2, limits[1]))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (len(good) // 2, limits[1]))
         with pytest.raises(SwingupError, match=r"cannot write .*: File too large"):
-            list(resume_run(tmp_path / "r", 8 * FRAMES).advance())
+            list(resume_run(folder, 8 * FRAMES).advance())
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert sorted(Path(tmp_path / "r").rglob("*.safetensors")) == files
-    after = load_file(checkpoint)
-    assert all((after[name] == good[name]).all() for name in good)
+    assert sorted(folder.rglob("*.safetensors")) == files
+    assert checkpoint.read_bytes() == good
     # With room again it goes on.
-    list(resume_run(tmp_path / "r", 8 * FRAMES).advance())
+    list(resume_run(folder, 8 * FRAMES).advance())
     list(start_run(SETTINGS, tmp_path / "whole", 8 * FRAMES).advance())
-    assert_same_files(tmp_path / "r", tmp_path / "whole")
-
-
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("runs") / "r"
-    with briefly_judged():
-        run(folder, 2)
-    return folder
-
-
-@pytest.fixture
-def folder(finished, tmp_path):
-    return shutil.copytree(finished, tmp_path / "r")
+    assert_same_files(folder, tmp_path / "whole")
 
 
 @pytest.mark.parametrize("part", ["actor", "optimiser", "statistics", "gains"])

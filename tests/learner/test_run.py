@@ -90,65 +90,50 @@ def finished(tmp_path_factory):
     return folder, training, reports
 
 
-def test_a_run_leaves_its_files(finished):
-    folder, _, reports = finished
-    assert [report.frames for report in reports] == [128, 256, 384, 512, 640]
+def test_a_run_leaves_its_files_and_policies_say_where_they_come_from(finished):
+    folder, training, reports = finished
     assert {path.name for path in folder.iterdir()} == {
         ".lock", "config.json", "metrics.jsonl", "tensorboard", "checkpoints", "best.safetensors",
         "last.safetensors",
     }  # fmt: skip
-    assert sorted(path.name for path in (folder / "checkpoints").iterdir()) == [
-        "000000000512.safetensors",
-        "000000000640.safetensors",
-    ]
+    kept = sorted(path.name for path in (folder / "checkpoints").iterdir())
+    assert kept == ["000000000512.safetensors", "000000000640.safetensors"]
     rows = read_metrics(folder / "metrics.jsonl")
-    assert [row["frames"] for row in rows] == [128, 256, 384, 512, 640]
+    assert [report.frames for report in reports] == [row["frames"] for row in rows] == [128, 256, 384, 512, 640]
     assert {"seed", "reward", "gain", "entropy_gain", "entropy", "score", "best_score"} <= rows[0].keys()
     content = json.loads((folder / "config.json").read_text())
     assert (content["robot"], content["frames"], content["config"]["policy_layers"]) == ("acrobot", 640, [8, 8])
     assert list((folder / "tensorboard" / "seed-0").iterdir())
-
-
-def test_policies_say_where_they_come_from(finished):
-    folder, training, _ = finished
-    _, metadata = lone_policy(folder / "last.safetensors", training.settings.task().robot)
-    assert metadata["frames"] == 640
-    assert metadata["command"].startswith(
-        "swingup train acrobot --preset=default --frames=640 --seed=0 --num-envs=4"
-    )
-    assert metadata["hyperparameters"]["num_envs"] == 4
+    _, metadata = lone_policy(folder / "last.safetensors", "acrobot")
+    start = "swingup train acrobot --preset=default --frames=640 --seed=0 --num-envs=4"
+    assert metadata["command"].startswith(start)
+    assert (metadata["frames"], metadata["hyperparameters"]["num_envs"]) == (640, 4)
     assert 0.0 <= metadata["scores"]["v2"]["score"] <= training.best_score
 
 
-def test_stopped_between_checkpoints_and_resumed(finished, tmp_path):
-    folder, _, _ = finished
-    training = start_run(SETTINGS, tmp_path / "part", 10 * FRAMES)
-    for report in training.advance():
-        if report.frames == 6 * FRAMES:
-            training.stop()
-    assert training.frames == 6 * FRAMES
-    resumed = resume_run(tmp_path / "part")
-    assert resumed.frames == 6 * FRAMES
-    list(resumed.advance())
-    assert_same_files(folder, tmp_path / "part")
-
-
-def test_stopped_within_a_chunk_and_resumed(finished, tmp_path, monkeypatch):
+@pytest.mark.parametrize("within", [True, False], ids=["within a chunk", "after a report"])
+def test_stopped_and_resumed(finished, tmp_path, monkeypatch, within):
     monkeypatch.setattr(compiled_backend, "CALL_WORK", 0.0)  # an iteration a call
-    folder, _, _ = finished
-    training = start_run(SETTINGS, tmp_path / "part", 10 * FRAMES)
+    training, frames = start_run(SETTINGS, tmp_path / "part", 10 * FRAMES), []
     train = training.backend.train
 
     def stopped(state, iterations, stopping):
-        training.stop()
+        if within:
+            training.stop()
         return train(state, iterations, stopping)
 
     monkeypatch.setattr(training.backend, "train", stopped)
-    assert [report.frames for report in training.advance()] == [FRAMES]
-    list(resume_run(tmp_path / "part").advance())
-    # The best policy may be that of the further evaluation.
+    for report in training.advance():
+        frames.append(report.frames // FRAMES)
+        if frames[-1] == 6:  # where no checkpoint is due
+            training.stop()
+    assert frames == ([1] if within else [2, 4, 6])
+    resumed = resume_run(tmp_path / "part")
+    assert resumed.frames == training.frames == frames[-1] * FRAMES
+    list(resumed.advance())
+    # The best policy may be that of a further evaluation.
     last = "checkpoints/000000000640.safetensors"
-    assert_same_arrays(folder / last, tmp_path / "part" / last)
+    assert_same_arrays(finished[0] / last, tmp_path / "part" / last)
 
 
 @pytest.mark.parametrize(("at", "kept"), [(None, 0), (6, 4)])
@@ -198,20 +183,16 @@ def test_the_command_makes_the_same_settings():
 
 @pytest.mark.slow
 def test_seeds_side_by_side(tmp_path, monkeypatch):
-    settings = dataclasses.replace(SETTINGS, seed=3, seeds=2)
+    """Resumed seeds go on bit for bit as well, also where they were killed between two files of the best policy."""
+    settings, save = dataclasses.replace(SETTINGS, seed=3, seeds=2), Run._save_policy
     training, _ = run(tmp_path / "r", 4, settings)
-    assert {path.name for path in (tmp_path / "r").glob("*.safetensors")} == {
-        "best.safetensors", "best-3.safetensors", "best-4.safetensors", "last-3.safetensors", "last-4.safetensors",
-    }  # fmt: skip
     assert [row["seed"] for row in read_metrics(tmp_path / "r" / "metrics.jsonl")] == [3, 4, 3, 4]
     one, other = (load_file(tmp_path / "r" / f"last-{seed}.safetensors") for seed in (3, 4))
     assert not np.array_equal(one["network.trunk.1.weight"], other["network.trunk.1.weight"])
     assert training.frames == 4 * FRAMES
-    # Resumed seeds go on bit for bit as well, also where they were killed between two files of the best policy.
-    save = Run._save_policy
 
     def killed(self, *arguments):
-        if (tmp_path / "part" / "best.safetensors").exists() or (tmp_path / "part" / "best-3.safetensors").exists():
+        if list((tmp_path / "part").glob("best*.safetensors")):
             raise KeyboardInterrupt
         save(self, *arguments)
 
@@ -221,8 +202,13 @@ def test_seeds_side_by_side(tmp_path, monkeypatch):
     monkeypatch.setattr(Run, "_save_policy", save)
     list(resume_run(tmp_path / "part").advance())
     list(resume_run(tmp_path / "part", 4 * FRAMES).advance())
-    for file in ("best", "best-3", "best-4", "last-3", "last-4"):
-        assert_same_arrays(*(tmp_path / name / f"{file}.safetensors" for name in ("r", "part")))
+    names = ["best-3", "best-4", "best", "last-3", "last-4"]
+    for folder in (tmp_path / "r", tmp_path / "part"):
+        assert sorted(path.name for path in folder.glob("*.safetensors")) == [
+            f"{name}.safetensors" for name in names
+        ]
+    for name in names:
+        assert_same_arrays(*(tmp_path / folder / f"{name}.safetensors" for folder in ("r", "part")))
 
 
 def test_divergence_keeps_the_last_good_checkpoint(tmp_path):
@@ -240,31 +226,6 @@ def test_divergence_keeps_the_last_good_checkpoint(tmp_path):
     assert resume_run(tmp_path / "r").frames == training.frames
 
 
-def test_an_interrupted_chunk_is_trained_again(finished, tmp_path, monkeypatch):
-    folder, _, _ = finished
-    training = start_run(SETTINGS, tmp_path / "part", 10 * FRAMES)
-    train = training.backend.train
-
-    def interrupted(state, iterations, stopping):
-        train(state, iterations)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(training.backend, "train", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        list(training.advance())
-    monkeypatch.undo()
-    list(training.advance())
-    assert_same_runs(folder, tmp_path / "part")
-
-
-def test_a_folder_is_never_overwritten(finished):
-    folder, _, _ = finished
-    before = (folder / "config.json").read_text()
-    assert f"{folder} exists" in refusal(start_run, SETTINGS, folder, 100)
-    assert "stands at 640 already" in refusal(resume_run, folder, 64)
-    assert (folder / "config.json").read_text() == before
-
-
 def test_a_finished_run_has_reached_its_goal_also_where_the_last_chunk_went_beyond_it(finished, tmp_path):
     shutil.copytree(finished[0], tmp_path / "again")
     write_run_settings(tmp_path / "again", SETTINGS, 600)
@@ -280,12 +241,6 @@ def test_a_checkpoint_of_another_configuration(tmp_path):
         changed = content | {"config": content["config"] | change}
         (folder / "config.json").write_text(json.dumps(changed))
         assert message in refusal(resume_run, folder)
-
-
-def test_what_cannot_be_started_or_resumed(tmp_path):
-    (tmp_path / "file").write_text("")
-    assert "cannot create" in refusal(start_run, SETTINGS, tmp_path / "file" / "r", 100)
-    assert "is not a run's folder" in refusal(resume_run, tmp_path / "nothing")
 
 
 @pytest.mark.slow
