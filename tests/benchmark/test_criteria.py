@@ -9,9 +9,7 @@ from swingup import benchmark
 from swingup.benchmark.board import Setting
 from swingup.benchmark.boards import BOARDS, PERFORMANCE
 from swingup.benchmark.criteria import compute_criteria, realai_score
-from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import Normalisers
-from swingup.benchmark.score import score
 from swingup.benchmark.swing_up_board import SwingUpBoard
 from swingup.plant.plant import LEADERBOARD
 
@@ -132,20 +130,3 @@ def test_rules_are_the_published_ones(robot):
     assert calm.normalisers == Normalisers(20.0, 60.0, 100.0, 4.0, 400.0)
     acrobots = Normalisers(20.0, 60.0, 20.0, 1.0, 400.0)
     assert pushed.normalisers == (acrobots if robot.name == "acrobot" else calm.normalisers)
-
-
-@pytest.mark.parametrize(("name", "torque", "smooth"), [("acrobot", 20, 1.0), ("pendubot", 100, 4.0)])
-def test_a_recording_with_pushes_is_scored_by_its_robots_normalisers(name, torque, smooth):
-    # Up and at rest from the second row on, with 1 N m and -1 N m in turn on the driven joint for 10 s at 100 Hz.
-    time, signs = 0.01 * np.arange(1001), 1.0 - 2.0 * (np.arange(1001) % 2)
-    x = np.tile([math.pi, 0.0, 0.0, 0.0], (1001, 1))
-    x[0, 0] = 0.0
-    u = np.zeros((1001, 2))
-    u[:, {"acrobot": 1, "pendubot": 0}[name]] = signs
-    found = score(Trajectory(time, x, u), name, "hardware-perturbed", force=True).criteria
-    # Torque cost: 1 N²m² for 10 s. Differences are 2 and -2 in turn, half each: mean 0, deviation 2.
-    # Energy: only the first row moves, by π about the shoulder; the torque there is the pendubot's 1 N m alone.
-    energy = {"acrobot": 0.0, "pendubot": math.pi}[name]
-    # Swing-up at the second row, 0.01 s; no row has a velocity.
-    costs = (0.01 / 20, energy / 60, 10 / torque, 2 / smooth, 0.0)
-    assert found.score == pytest.approx(1 - sum(math.tanh(math.pi * cost) for cost in costs) / 5, rel=1e-9)

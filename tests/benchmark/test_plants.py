@@ -10,7 +10,6 @@ import pytest
 from swingup.benchmark.board import Setting
 from swingup.benchmark.boards import ICRA_REAL, ROBUSTNESS, UPTIME
 from swingup.benchmark.boards import PERFORMANCE as BOARD
-from swingup.benchmark.grid import make_cases
 from swingup.benchmark.judge import judge
 from swingup.benchmark.plausibility import examine
 from swingup.benchmark.runner import prepare
@@ -43,12 +42,8 @@ def test_a_result_names_its_plant_and_the_ratio_of_its_torques():
 
 
 def test_torques_end_at_the_plants_limit():
-    assert (
-        np.abs(
-            judge(lambda x, t: [0.0, 1.0], "acrobot", PERFORMANCE, plant="cloudpendulum-rods").trajectory.u
-        ).max()
-        == 0.13
-    )
+    rows = judge(lambda x, t: [0.0, 1.0], "acrobot", PERFORMANCE, plant="cloudpendulum-rods").trajectory
+    assert np.abs(rows.u).max() == 0.13
 
 
 def test_friction_that_one_step_of_rk4_cannot_hold_is_integrated_in_several():
@@ -64,28 +59,16 @@ def test_friction_that_one_step_of_rk4_cannot_hold_is_integrated_in_several():
 def test_lengths_decide_what_is_up():
     # Upright, or with the second link level: the tip of C.1 is then at 0.2 m of 0.5, B.0's at 0.3 of 0.7.
     up, level = moved((np.pi, 0.0, 0.0)), moved((np.pi, 0.0, 0.0), (np.pi / 2, 0.0, 0.0))
-    assert score(up, "acrobot", plant=B0, force=True).successes
+    found = score(up, "acrobot", plant=B0, force=True)
+    assert (found.successes, found.runs[0].tip.reach) == (1, pytest.approx(0.7))
     assert not score(level, "acrobot", plant=B0).successes
-    assert score(up, "acrobot", plant=B0, force=True).runs[0].tip.reach == pytest.approx(0.7)
 
 
 def test_a_recording_is_examined_by_its_plant():
     heavy = dataclasses.replace(B0, tl2=1.0)
     rows = dataclasses.replace(moved(REST), u=np.tile([0.0, 2.0], (5000, 1)))
-    names = {each.name for each in examine(rows, ACROBOT, BOARD, heavy)}
-    assert "torque_limit" in names
-    assert "torque_limit" not in {each.name for each in examine(rows, ACROBOT, BOARD, B0)}
-
-
-def test_the_grid_is_around_the_plant():
-    real = load_plant("C.1").driven("acrobot")
-    values = {name: [] for name in ("cf1", "m1r1")}
-    for case in make_cases(ACROBOT, ROBUSTNESS, "model", 0, "C.1"):
-        if case.settings["parameter"] in values:
-            values[case.settings["parameter"]].append(case.scenario.parameters)
-    assert [p.cf1 for p in values["cf1"]] == pytest.approx(real.cf1 + np.linspace(-0.2, 0.2, 21))
-    assert [p.r1 for p in values["m1r1"]] == pytest.approx(real.r1 * np.linspace(0.75, 1.25, 21))
-    assert {p.cf2 for p in values["cf1"]} == {real.cf2}
+    for plant, warns in ((heavy, True), (B0, False)):
+        assert ("torque_limit" in [each.name for each in examine(rows, ACROBOT, BOARD, plant)]) is warns
 
 
 def test_disturbances_are_in_the_plants_own_units(similar):
@@ -94,9 +77,8 @@ def test_disturbances_are_in_the_plants_own_units(similar):
     units = scales_of(plant)
     grid = ROBUSTNESS.on(Setting(ACROBOT, plant))
     ends = {name: grid.model[name].sweep.high for name in ("Ir", "b1", "cf2", "m2")}
-    assert ends == pytest.approx(
-        {"Ir": 1e-4 * 0.025 * 0.25, "b1": 0.1 * 0.025 * 0.5, "cf2": 0.2 * 0.025, "m2": 1.25}
-    )
+    own = {"Ir": 1e-4 * 0.025 * 0.25, "b1": 0.1 * 0.025 * 0.5, "cf2": 0.2 * 0.025, "m2": 1.25}
+    assert ends == pytest.approx(own)
     sweeps = grid.velocity_noise, grid.torque_noise, grid.torque_response, grid.delay
     assert [each.high for each in sweeps] == pytest.approx([0.5 * 2, 1.1 * 0.025, 2.0, 0.04 * 0.5])
     assert grid.perturbations.amplitude == pytest.approx((0.0125, 0.125))
@@ -108,8 +90,7 @@ def test_disturbances_are_in_the_plants_own_units(similar):
     assert (pid.kp, pid.ki, pid.kd, pid.limit) == pytest.approx((0.25, 0.005, 0.0125, 0.15))
     assert (pid.dt, thrown.throw_duration) == pytest.approx((0.001, 0.1))
     # The real robot's PID has a limit of 3 N m for its proportional part.
-    robots = scaled(ICRA_REAL, units)
-    assert robots.thrower.proportional_limit == pytest.approx(0.075)
+    assert scaled(ICRA_REAL, units).thrower.proportional_limit == pytest.approx(0.075)
 
 
 def test_disturbances_on_c1_are_the_boards():

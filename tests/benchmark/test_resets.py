@@ -23,20 +23,18 @@ ANGLE, SPEED = 3.5 * math.pi, 20.0
 GOALS = np.random.default_rng(3).uniform(-math.pi, math.pi, (101, 2))
 PID = Thrower(kp=2.0, ki=0.0, kd=0.3, dt=0.001, limit=6.0, proportional_limit=3.0)
 NO_STOP = Stop(Limits(math.inf, math.inf))
-
-
 CALLS = 3500
 
 
 @jax.jit
-def called(resets, times, states):
-    """Torques and memories, call by call."""
+def called(supervisor, times, states):
+    """What it does and its memories, call by call."""
 
     def call(memory, given):
-        after, done = resets(memory, *given)
-        return after, (done.torque, after)
+        after, done = supervisor(memory, *given)
+        return after, (done, after)
 
-    return jax.lax.scan(call, resets.start(times.dtype), (times, states))[1]
+    return jax.lax.scan(call, supervisor.start(times.dtype), (times, states))[1]
 
 
 def follow(times, states, plan, goals=GOALS):
@@ -47,10 +45,10 @@ def follow(times, states, plan, goals=GOALS):
     times, states = (np.pad(rows, [(0, CALLS - count)] + [(0, 0)] * (rows.ndim - 1)) for rows in (times, states))
     with jax.enable_x64(True):
         resets = Resets(plan, goals, 1.0, 10, Limits(ANGLE, SPEED), PID, MODEL, NO_STOP)
-        torques, memories = jax.tree.map(np.asarray, called(resets, times, states))
+        done, memories = jax.tree.map(np.asarray, called(resets, times, states))
     answers = [text(t, x) for t, x in zip(times[:count], states, strict=False)]
     expected = np.array([np.full(2, np.nan) if u is None else u for u in answers])
-    found = np.where(memories.active[:count, None], torques[:count], np.nan)
+    found = np.where(memories.active[:count, None], done.torque[:count], np.nan)
     return found, expected, jax.tree.map(lambda rows: rows[count - 1], memories), text
 
 
@@ -179,14 +177,6 @@ def events_of(given):
     ]
 
 
-@jax.jit
-def disturbed(cell, times, states):
-    def call(memory, given):
-        return cell(memory, *given)
-
-    return jax.lax.scan(call, cell.start(times.dtype), (times, states))[1]
-
-
 def visits(seed):
     """Uneven times, and states that go from one of the example's postures to another, mostly to the goal."""
     random = np.random.default_rng(seed)
@@ -206,7 +196,7 @@ def test_call_by_call_as_the_example(seed):
     times, states = visits(seed)
     with jax.enable_x64(True):
         cell = Cell(given, CellSettings(), CELLS.plant, Stop(Limits(math.inf, 50.0)))
-        found = jax.tree.map(np.asarray, disturbed(cell, times, states))
+        found, _ = jax.tree.map(np.asarray, called(cell, times, states))
     text = Text(events_of(given))
     for k, (t, x) in enumerate(zip(times, states, strict=True)):
         kind, torque = text(t, x)
@@ -235,10 +225,10 @@ def test_a_cell_stops_at_its_speed_limit():
     with jax.enable_x64(True):
         cell = Cell(never, CellSettings(), CELLS.plant, Stop(Limits(math.inf, 50.0)))
         states = np.array([[900.0, 0, 49.9, 0], [0, 0, 0, -50.1], [0, 0, 0, 0]])
-        found = jax.tree.map(np.asarray, disturbed(cell, np.array([0.0, 0.002, 0.004]), states))
+        found, _ = jax.tree.map(np.asarray, called(cell, np.array([0.0, 0.002, 0.004]), states))
     assert found.stops.tolist() == found.takes.tolist() == [False, True, True]
 
 
 def test_the_boards_cells_have_disturbances_of_their_own():
-    drawn = [draw_cell(RULES, CELLS.plant, seed).disturbances.kick for seed in range(RULES.runs)]
-    assert len({each.tobytes() for each in drawn}) == 4
+    drawn = {draw_cell(RULES, CELLS.plant, seed).disturbances.kick.tobytes() for seed in range(RULES.runs)}
+    assert len(drawn) == 4

@@ -20,7 +20,7 @@ from swingup.benchmark.rollout import Scenario
 from swingup.benchmark.rules import CRITERIA, RANDOM, PushRules, Sweep
 from swingup.benchmark.runner import run_many, stack
 from swingup.loop.disturbance import step_noise
-from swingup.plant.plant import LEADERBOARD
+from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.plant.robots import ROBOTS, get_robot
 
 from .controllers import BRIEF, SWINGING, V2, swinging
@@ -74,10 +74,7 @@ def test_a_value_counts_if_more_than_half_of_its_repetitions_succeed():
     results = [Run(case("velocity_noise", 0, 0), index < 5, 0.0, 0.0) for index in range(10)]
     results += [Run(case("velocity_noise", 1, 0), index < 6, 0.0, 0.0) for index in range(10)]
     percent, intervals = V2.summarise(results, [0])
-    overall = percent.pop("score")
-    assert percent == {"velocity_noise": 50.0}
-    assert overall is None
-    assert intervals == {}
+    assert (percent, intervals) == ({"velocity_noise": 50.0, "score": None}, {})
 
 
 def test_scores_of_several_seeds():
@@ -85,31 +82,30 @@ def test_scores_of_several_seeds():
     for name in RANDOM:
         results += [Run(case(name, 0, seed), seed == 1, 0.0, 0.0) for seed in (1, 2, 3)]
     percent, intervals = V2.summarise(results, [1, 2, 3])
-    overall = percent["score"]
     assert percent["model"] == percent["delay"] == 100.0
     assert percent["perturbations"] == pytest.approx(100 / 3)
     # (3 · 100 + 3 · 33.3) / 6 = 66.7 %
-    assert overall == pytest.approx(2 / 3)
+    assert percent["score"] == pytest.approx(2 / 3)
     # Overall by seed: 1, 1/2, 1/2; mean 2/3, standard deviation 1 / (2 √3), t(0.975, 2) = 4.3027.
     reach = 4.302652729911275 / (2 * math.sqrt(3)) / math.sqrt(3)
     assert intervals["score"] == pytest.approx((max(0, 2 / 3 - reach), 1.0))
     assert set(intervals) == {*RANDOM, "score"}
 
 
-def test_model_errors_change_one_parameter_each(robot):
-    nominal = LEADERBOARD.driven(robot).values()
-    fields = {"m1r1": "r1", "m2r2": "r2"}
-    ranges = {
-        "Ir": (0, 1e-4), "b1": (-0.1, 0.1), "b2": (-0.1, 0.1), "cf1": (-0.2, 0.2), "cf2": (-0.2, 0.2),
-        **{name: (0.75 * nominal[field], 1.25 * nominal[field])
-           for name, field in (("m1r1", "r1"), ("I1", "I1"), ("m2r2", "r2"), ("m2", "m2"), ("I2", "I2"))},
-    }  # fmt: skip
-    cases = make_cases(robot, V2, "model", 0)
+@pytest.mark.parametrize("plant", ["leaderboard", "C.1"])
+def test_model_errors_change_one_parameter_each(robot, plant):
+    """Around the plant's values, of which the leaderboards' has none of the first five."""
+    nominal, fields = load_plant(plant).driven(robot).values(), {"m1r1": "r1", "m2r2": "r2"}
+    added = {"Ir": (0, 1e-4), "b1": (-0.1, 0.1), "b2": (-0.1, 0.1), "cf1": (-0.2, 0.2), "cf2": (-0.2, 0.2)}
+    ranges = {name: nominal[name] + np.array(ends) for name, ends in added.items()}
+    for name in ("m1r1", "I1", "m2r2", "m2", "I2"):
+        ranges[name] = nominal[fields.get(name, name)] * np.array([0.75, 1.25])
+    cases = make_cases(robot, V2, "model", 0, plant)
     assert {case.settings["parameter"] for case in cases} == set(ranges)
     for name, (low, high) in ranges.items():
         chosen = [case.scenario.parameters.values() for case in cases if case.settings["parameter"] == name]
         field = fields.get(name, name)
-        np.testing.assert_allclose([p[field] for p in chosen], np.linspace(low, high, 21), rtol=1e-14, atol=1e-18)
+        np.testing.assert_allclose([p[field] for p in chosen], np.linspace(low, high, 21), rtol=1e-14, atol=1e-16)
         assert all(p[other] == nominal[other] for p in chosen for other in nominal if other != field)
 
 
