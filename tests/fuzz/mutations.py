@@ -23,9 +23,6 @@ LINES = [
 """Texts in the place of a JSON object."""
 
 NAMES = {code: name for name, code in TYPES.items()}
-LENGTHS = [10**5, 2**32, 2**63, 2**64 - 1]
-"""In the place of the header's length."""
-
 COUNTS = [-1, 0, 1, 3, 16, 2**31, 2**53, 2**63, 10**30, 1.5, True, None, "1", [1], "9" * 5000]
 """In the place of a number of a shape, or of a place in the file."""
 
@@ -72,17 +69,6 @@ def damage(random, data):
     return bytes(changed)
 
 
-def array_file(texts, arrays):
-    """The header, as an object, and the bytes of the arrays of a safetensors file."""
-    header, body = {"__metadata__": texts}, b""
-    for name, array in arrays.items():
-        content = np.asarray(array).tobytes()
-        entry = {"dtype": NAMES.get(array.dtype.str, array.dtype.str), "shape": list(array.shape)}
-        header[name] = entry | {"data_offsets": [len(body), len(body) + len(content)]}
-        body += content
-    return header, body
-
-
 def other_array(random, array):
     """An array of another type, shape or content."""
     kind = random.choice(["type", "shape", "value", "order"])
@@ -116,7 +102,11 @@ def spoilt_arrays(random, text, arrays):
     texts = {"swingup": text}
     if kind == "other":
         texts = random.choice([{}, None, [text], text, {"swingup": [text]}, {"pt": text}])
-    header, body = array_file(texts, arrays)
+    header, body = {"__metadata__": texts}, b""
+    for each, array in arrays.items():
+        entry = {"dtype": NAMES.get(array.dtype.str, array.dtype.str), "shape": list(array.shape)}
+        header[each] = entry | {"data_offsets": [len(body), len(body) + array.nbytes]}
+        body += array.tobytes()
     if kind == "entry":
         header = spoilt_entry(random, header, name)
     line = json.dumps(header)
@@ -125,7 +115,8 @@ def spoilt_arrays(random, text, arrays):
     if kind == "header":
         line = random.choice([*LINES, line[:-1], line + "x", " " + line, line.replace("0", "0" * 5000, 1)])
     head = line.encode("utf-8", "surrogatepass")
-    length = len(head) if kind != "length" else random.choice([0, 1, len(head) - 1, len(head) + 1, *LENGTHS])
+    lengths = [0, 1, len(head) - 1, len(head) + 1, 10**5, 2**32, 2**63, 2**64 - 1]
+    length = random.choice(lengths) if kind == "length" else len(head)
     data = struct.pack("<Q", length) + head + body
     return damage(random, data) if kind == "bytes" else data
 

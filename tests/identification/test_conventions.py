@@ -31,16 +31,9 @@ def changed(table, change):
     return np.column_stack(list((columns | change(SimpleNamespace(**columns))).values()))
 
 
-def angles(function):
-    return lambda c: {"q1": function(c.q1), "q2": function(c.q2)}
-
-
-def rates(function):
-    return lambda c: {"d1": function(c.d1), "d2": function(c.d2)}
-
-
-def torques(function):
-    return lambda c: {"u1": function(c.u1), "u2": function(c.u2)}
+def each(name, function):
+    """A change of both columns: angles q, rates d or torques u."""
+    return lambda c: {f"{name}{joint}": function(getattr(c, f"{name}{joint}")) for joint in (1, 2)}
 
 
 RPM = "dq1=vel_meas1:rpm dq2=vel_meas2:rpm"
@@ -49,12 +42,12 @@ CONVENTIONS = {
     "absolute, up": (lambda c: {"q1": c.q1 - PI, "q2": c.q1 + c.q2 - PI, "d2": c.d1 + c.d2},
                      f"q1=pos_meas1+pi {ABSOLUTE}"),
     "reversed": (lambda c: {"q2": -c.q2, "d2": -c.d2}, "q2=-pos_meas2 dq2=-vel_meas2"),
-    "counts": (angles(lambda q: np.round(q * 4096 / TURN)), "q1=pos_meas1:counts/4096 q2=pos_meas2:counts/4096"),
-    "mN m": (torques(lambda u: 1000 * u), "u1=tau_con1:mNm u2=tau_con2:mNm"),
+    "counts": (each("q", lambda q: np.round(q * 4096 / TURN)), "q1=pos_meas1:counts/4096 q2=pos_meas2:counts/4096"),
+    "mN m": (each("u", lambda u: 1000 * u), "u1=tau_con1:mNm u2=tau_con2:mNm"),
     "milliseconds": (lambda c: {"t": np.round(1000 * c.t)}, "time=time:ms"),
     "torques swapped": (lambda c: {"u1": c.u2, "u2": c.u1}, SWAPPED),
     "folded": (lambda c: {"q2": c.q2 + PI}, "q2=pos_meas2+pi"),
-    "turns, rpm": (lambda c: angles(lambda q: q / TURN)(c) | rates(lambda d: d * 60 / TURN)(c),
+    "turns, rpm": (lambda c: each("q", lambda q: q / TURN)(c) | each("d", lambda d: d * 60 / TURN)(c),
                    f"q1=pos_meas1:turns q2=pos_meas2:turns {RPM}"),
     "velocities swapped": (lambda c: {"d1": c.d2, "d2": c.d1}, "dq1=vel_meas2 dq2=vel_meas1"),
     "one in mN m": (lambda c: {"u2": 1000 * c.u2}, "u2=tau_con2:mNm"),
@@ -65,13 +58,13 @@ CONVENTIONS = {
     "joints swapped": (lambda c: dict(zip(SHORT[1:], (c.q2, c.q1, c.d2, c.d1, c.u2, c.u1), strict=True)),
                        f"q1=pos_meas2 q2=pos_meas1 dq1=vel_meas2 dq2=vel_meas1 {SWAPPED}"),
     "torques swapped, one reversed": (lambda c: {"u1": -c.u2, "u2": c.u1}, "u1=tau_con2 u2=-tau_con1"),
-    "N cm": (torques(lambda u: 100 * u), "u1=tau_con1:Ncm u2=tau_con2:Ncm"),
-    "oz in": (torques(lambda u: u / 0.00706155), "u1=tau_con1:ozin u2=tau_con2:ozin"),
+    "N cm": (each("u", lambda u: 100 * u), "u1=tau_con1:Ncm u2=tau_con2:Ncm"),
+    "oz in": (each("u", lambda u: u / 0.00706155), "u1=tau_con1:ozin u2=tau_con2:ozin"),
     "one in oz in": (lambda c: {"u1": c.u1 / 0.00706155}, "u1=tau_con1:ozin"),
-    "deg/s beside rad": (rates(np.degrees), "dq1=vel_meas1:deg/s dq2=vel_meas2:deg/s"),
-    "counts that wrap": (angles(lambda q: np.round(q * 8192 / TURN) % 8192),
+    "deg/s beside rad": (each("d", np.degrees), "dq1=vel_meas1:deg/s dq2=vel_meas2:deg/s"),
+    "counts that wrap": (each("q", lambda q: np.round(q * 8192 / TURN) % 8192),
                          "q1=pos_meas1:counts/8192 q2=pos_meas2:counts/8192"),
-    "angles of the motors": (angles(lambda q: 6 * q), "q1=pos_meas1:rad*0.166667 q2=pos_meas2:rad*0.166667"),
+    "angles of the motors": (each("q", lambda q: 6 * q), "q1=pos_meas1:rad*0.166667 q2=pos_meas2:rad*0.166667"),
     "nanoseconds of an epoch": (lambda c: {"t": np.round(1e9 * c.t) + 1.7e18}, "time=time:ns"),
 }  # fmt: skip
 """What was done to a log, and the words that undo it; the first five are not slow."""
@@ -84,6 +77,8 @@ def test_the_option_makes_it_the_same_log(tmp_path, table, name):
     path, table, (change, words) = tmp_path / "log.csv", table[:1300], CONVENTIONS[name]  # 3 s
     np.savetxt(path, changed(table, change), delimiter=",", header=HEADER, comments="", fmt="%.20g")
     message = refusal(read_checked, path)
+    if "seconds" not in name:  # all but times that no log can have can be forced, with a note
+        assert len(check_columns(read_recording(path), SETTING, START, force=True)) == 1
     found = shlex.split(message.split("--columns ")[1].split(", or take")[0])
     assert found == words.split()
     again = read_checked(path, found)
@@ -115,26 +110,14 @@ def test_a_right_log_is_taken_as_it_is_and_noise_is_no_convention(found_in, tabl
     assert found_in(changed(table, lambda c: {"q1": c.q1 + drawn[0], "q2": c.q2 + drawn[1]})) is None
 
 
-def test_a_unit_without_a_name_has_its_size(found_in, table):
-    found = found_in(changed(table, torques(lambda u: u / 0.06)))
+def test_units_without_a_name_wrong_titles_and_torques_that_are_left_out(found_in, table):
+    found = found_in(changed(table, each("u", lambda u: u / 0.06)))
     assert "a unit of 0.05" in found.text
     sizes = [float(word.partition(":Nm*")[2]) for word in found.remedy]
     assert sizes == pytest.approx([0.06, 0.06], rel=0.1)  # the masses are some percent from those of C.1
-
-
-def test_a_title_may_have_the_wrong_unit(found_in, table):
     found = found_in(table, HEADER.replace("vel_meas1,vel_meas2", "vel_meas1 [rpm],vel_meas2 [rpm]"))
     assert found.remedy == ("dq1=vel_meas1:rad/s", "dq2=vel_meas2:rad/s")
-
-
-def test_a_log_without_its_torques_is_no_free_fall(found_in, table):
-    assert "torques that are not in the log act" in found_in(table[:, :5], ",".join(NAMES[:5])).text
-
-
-def test_what_is_refused_can_be_forced(tmp_path, table):
-    swapped = changed(table, lambda c: {"u1": c.u2, "u2": c.u1})
-    (note,) = check_columns(read_recording(write(tmp_path / "log.csv", swapped)), SETTING, START, force=True)
-    assert "look swapped" in note
+    assert "torques that are not in the log act" in found_in(table[:, :5], ",".join(NAMES[:5])).text  # no free fall
 
 
 def as_text(separator=",", decimal=".", names=NAMES, above=(), below=(), encoding="utf-8"):

@@ -42,12 +42,10 @@ def small(robot=ACROBOT, seed=0):
     return PolicyController(Policy((PendulumStage(angles="sincos"),), actor), 6.0, robot)
 
 
-def test_episodes_are_of_the_kinds_asked_for():
+def test_episodes_are_of_the_kinds_asked_for_and_repeat_with_their_seed():
     settings = EpisodeSettings(nominal=20, anywhere=300, thrown=0, speed=4.0, spread=0.02)
     episodes = sample_episodes(np.random.default_rng(0), ACROBOT, settings)
-    assert episodes.x0.shape == (320, 4)
-    assert episodes.x0.dtype == np.float32
-    assert episodes.nominal.sum() == 20
+    assert (episodes.x0.shape, episodes.x0.dtype, episodes.nominal.sum()) == ((320, 4), np.float32, 20)
     hanging, anywhere = episodes.x0[episodes.nominal], episodes.x0[~episodes.nominal]
     assert 0 < np.abs(hanging).max() < 5 * 0.02
     for column in anywhere[:, :2].T:
@@ -56,20 +54,14 @@ def test_episodes_are_of_the_kinds_asked_for():
     assert 4.0 < np.mean(anywhere[:, 2:] ** 2) < 7.0
     # Shuffled: the first 20 are not the nominal ones.
     assert not episodes.nominal[:20].all()
-
-
-def test_throws_leave_the_pendulum_in_motion_and_in_other_turns():
+    same, other = (sample_episodes(np.random.default_rng(seed), ACROBOT, settings).x0 for seed in (0, 1))
+    assert np.array_equal(same, episodes.x0)
+    assert not np.array_equal(other, episodes.x0)
+    # Throws leave the pendulum in motion and in other turns.
     thrown = sample_episodes(np.random.default_rng(0), ACROBOT, EpisodeSettings(nominal=0, anywhere=0, thrown=50))
-    assert thrown.x0.shape == (50, 4)
-    assert not thrown.nominal.any()
+    assert (thrown.x0.shape, thrown.nominal.any()) == ((50, 4), False)
     assert np.abs(thrown.x0[:, 2:]).mean() > 1.0
     assert np.abs(thrown.x0[:, 0]).max() > np.pi
-
-
-def test_seeds_tell_episodes_apart():
-    one, same, other = (sample_episodes(np.random.default_rng(seed), ACROBOT, FEW) for seed in (1, 1, 2))
-    assert np.array_equal(one.x0, same.x0)
-    assert not np.array_equal(one.x0, other.x0)
 
 
 def test_the_smooth_score_is_nearly_the_judge_s(either_robot):
@@ -100,9 +92,7 @@ def test_speeds_above_fourteen_and_whole_turns_count_squared_and_the_cost_weighs
     assert float(found.fast) == pytest.approx((0.5**2 + 1.0**2) / 2)
     # From upright: q1 half a half turn too far, then q2 a quarter of one.
     assert float(found.wound) == pytest.approx((0.5**2 + 0.25**2) / 2)
-    measures = Measures(
-        jnp.array(0.5), down=jnp.array(0.2), away=jnp.array(0.4), fast=jnp.array(2.0), wound=jnp.array(4.0)
-    )
+    measures = Measures(*map(jnp.array, (0.5, 0.2, 0.4, 2.0, 4.0)))
     assert float(EpisodeWeights(score=1.0).cost(measures)) == -0.5
     assert float(EpisodeWeights(0.5, 0.5, 0.25).cost(measures)) == pytest.approx(0.1 + 0.1 - 0.25)
     assert float(EpisodeWeights(fast=0.1, wound=0.25).cost(measures)) == pytest.approx(1.2)

@@ -77,9 +77,8 @@ def test_the_command_in_real_time(tmp_path, capsys):
     told = json.loads(capsys.readouterr().out)
     assert (told["runs"], told["stops"], told["details"][0]["cause"]) == (1, [None], "never up")
     assert told["periods"]["p50"] >= 0.002
-    assert told["calls"]["longest"] >= told["calls"]["p99"] >= told["calls"]["p50"] > 0
-    assert told["missed"] >= 0
-    assert told["difference"].startswith("the policy was made for a plant 'leaderboard' with ")
+    assert told["calls"]["longest"] >= told["calls"]["p99"] >= told["calls"]["p50"] > 0 <= told["missed"]
+    assert "made for a plant 'leaderboard'" in told["difference"]
     assert told["domain"]["name"] == "A.0 in the loop of recorded"
     assert len(rows.read_text().splitlines()) == 51
 
@@ -118,22 +117,17 @@ def test_torques_are_held_while_a_slow_answer_is_awaited():
 
 
 def test_cloudpendulums_client_gives_no_time_and_gets_a_list():
-    times = iter([100.0, 100.002, 100.004, 7.0, 7.002])
+    times = iter([100.0, 100.002, 7.0, 7.002])
     inside, plain = (load_controller("ar-eapo", "acrobot", guard=True) for _ in range(2))
     cloud = CloudPendulumController(inside, lambda: next(times))
-    states = [[0.1, -0.2, 0.5, 0.3], [0.101, -0.199, 0.5, 0.3], [0.102, -0.198, 0.5, 0.3]]
-
-    def ask(x):
-        u = cloud.get_control_output([SimpleNamespace(position=x[i], velocity=x[2 + i]) for i in (0, 1)])
-        assert [type(each) for each in u] == [float, float]
-        return u
-
-    first = [ask(x) for x in states]
-    expected = [plain(x, 0.002 * step).tolist() for step, x in enumerate(states)]
-    np.testing.assert_allclose(first, expected, atol=1e-9)
-    # Another run, by a clock of another origin.
-    cloud.reset()
-    np.testing.assert_allclose([ask(x) for x in states[:2]], first[:2], atol=1e-9)
+    states = [[0.1, -0.2, 0.5, 0.3], [0.101, -0.199, 0.5, 0.3]]
+    expected = [plain(x, 0.002 * step) for step, x in enumerate(states)]
+    for _ in range(2):  # another run, by a clock of another origin
+        for x, torques in zip(states, expected, strict=True):
+            u = cloud.get_control_output([SimpleNamespace(position=x[i], velocity=x[2 + i]) for i in (0, 1)])
+            assert [type(each) for each in u] == [float, float]
+            assert u == pytest.approx(torques, abs=1e-9)
+        cloud.reset()
     assert (cloud.fault, cloud.robot.name) == (None, "acrobot")
 
 
@@ -195,11 +189,15 @@ def test_a_bad_call_or_import_is_one_line(tmp_path):
         assert refusal(call, write_folder(tmp_path / "fake", **parts)).startswith(message)
 
 
-def test_a_hang_ends_at_the_time_limit(tmp_path):
+def test_a_hang_ends_at_the_time_limit_and_a_late_answer_comes(tmp_path):
     folder = write_folder(tmp_path / "fake", "time.sleep(60)")
     assert "its call at t = 1 s did not end within 0.05 s" in refusal(call, folder, calling=0.05)
     folder = write_folder(tmp_path / "fake", head="time.sleep(60)")
     assert "its import did not end within 0.05 s" in refusal(call, folder, loading=0.05)
+    with start(write_folder(tmp_path / "fake", "time.sleep(0.1); return (0, t)")) as process:
+        process.send(2.0, np.zeros(4))
+        assert process.receive(0.001) is None
+        assert process.receive().u.tolist() == [0.0, 2.0]
 
 
 def test_a_good_folder_answers_by_numpy_alone_and_prints_where_nothing_waits(tmp_path, capfd):
@@ -215,13 +213,6 @@ def test_a_good_folder_answers_by_numpy_alone_and_prints_where_nothing_waits(tmp
     assert process._process.returncode is not None
     assert capfd.readouterr() == ("", "imported\n")
     assert [path.name for path in folder.iterdir()] == ["con_fake.py"]  # no compiled copies
-
-
-def test_an_answer_that_is_not_there_yet(tmp_path):
-    with start(write_folder(tmp_path / "fake", "time.sleep(0.1); return (0, t)")) as process:
-        process.send(2.0, np.zeros(4))
-        assert process.receive(0.001) is None
-        assert process.receive().u.tolist() == [0.0, 2.0]
 
 
 def test_folders_are_recognised_by_their_files(tmp_path):
