@@ -20,20 +20,17 @@ def red_columns(frame):
     return np.nonzero(np.all(np.abs(frame - RED.astype(float)) < 20, axis=2))[1]
 
 
-@pytest.mark.parametrize(
-    ("q1", "q2", "tip"),
-    [
+def test_tip_is_where_the_angles_put_it():
+    for q1, q2, tip in (
         (0.0, 0.0, (0.0, -0.5)),  # hanging
         (math.pi, 0.0, (0.0, 0.5)),  # upright
         (math.pi / 2, 0.0, (0.5, 0.0)),  # counter-clockwise from hanging is to the right
         (0.0, math.pi / 2, (0.3, -0.2)),  # only link 2 to the right, from the elbow
         (math.pi / 2, math.pi / 2, (0.2, 0.3)),  # the elbow's angle is relative to link 1
-    ],
-)
-def test_tip_is_where_the_angles_put_it(q1, q2, tip):
-    frame = draw_frame([q1, q2, 0.0, 0.0], L1, L2)
-    assert (frame.shape, frame.dtype) == ((400, 400, 3), np.uint8)
-    np.testing.assert_array_equal(pixel(frame, *tip), BLUE)
+    ):
+        frame = draw_frame([q1, q2, 0.0, 0.0], L1, L2)
+        assert (frame.shape, frame.dtype) == ((400, 400, 3), np.uint8)
+        np.testing.assert_array_equal(pixel(frame, *tip), BLUE)
 
 
 def test_goal_line_lies_at_nine_tenths_of_the_reach():

@@ -178,18 +178,15 @@ def test_metadata_that_is_none(path):
             assert "is not a swingup thing file: it lacks swingup's metadata" in refusal(path)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
+def test_another_kind_or_version(path):
+    for changes, message in (
         ({"format": "a\nb" * 1000}, r"thing.safetensors is a 'a\nba"),
         ({"format_version": 4}, "has format version 4, this program reads 3: update swingup"),
         ({"format_version": "9" * 9999}, "has format version '999"),
-    ],
-)
-def test_another_kind_or_version(path, changes, message):
-    write(path, {"__metadata__": {METADATA: json.dumps(HEAD | changes)}})
-    assert message in refusal(path)
-    assert len(refusal(path)) < 400
+    ):
+        write(path, {"__metadata__": {METADATA: json.dumps(HEAD | changes)}})
+        assert message in refusal(path)
+        assert len(refusal(path)) < 400
 
 
 def test_a_flipped_bit_is_refused_or_in_a_name_or_a_number(path):

@@ -45,32 +45,25 @@ def step_from(task, x, action=0.0, count=0):
     return jax.tree.map(lambda leaf: np.asarray(leaf)[0], result)
 
 
-@pytest.mark.parametrize(
-    ("x", "u", "reward"),
-    [
-        ((0, 0, 0, 0), (0, 0), -0.05 * PI**2),  # hanging: -0.001 * 50 π² = -0.4935
-        ((PI, 0, 0, 0), (0, 0), 0),  # the goal
-        ((PI, 0, 0, 0), (0, 6), -0.036),  # -0.001 * 6² (N m)²
-        ((PI, 0, 2, 0), (0, 0), -0.016),  # -0.001 * 4 * 4
-        ((PI, 0, 0, -3), (0, 0), -0.018),  # -0.001 * 2 * 9
-        ((-3 * PI, 4 * PI, 0, 0), (0, 0), 0),  # whole turns from the goal
-        ((-0.5, 0, 0, 0), (0, 0), -0.05 * (PI - 0.5) ** 2),  # q1 = 2π - 0.5, not -0.5 - π
-        ((PI, 1.5 * PI, 0, 0), (0, 0), -0.0125 * PI**2),  # q2 = -π/2: -0.001 * 50 π²/4
-        ((PI, 0, 30, 0), (0, 0), -3.6),  # -0.001 * 4 * 900: the paper bounds no velocity
-    ],
-)
-def test_reward_by_hand(x, u, reward):
-    task = paper_task(ROBOTS["acrobot"])
-    found = task.reward(jnp.array(x, jnp.float32), jnp.array(u, jnp.float32))
-    assert float(found) == pytest.approx(reward, rel=1e-5, abs=1e-6)
-
-
-def test_smooth_task_bounds_the_cost_of_velocities():
-    # -0.001 * (4 * 20² + 2 * 20²) = -2.4 however fast it spins; below 20 rad/s as in the paper.
-    task = smooth_task(ROBOTS["pendubot"])
-    assert (task.observation.angles, task.observation_size) == ("sincos", 6)
-    assert float(task.reward(jnp.array([PI, 0.0, 50.0, -99.0]), jnp.zeros(2))) == pytest.approx(-2.4, rel=1e-6)
-    assert float(task.reward(jnp.array([PI, 0.0, -10.0, 0.0]), jnp.zeros(2))) == pytest.approx(-0.4, rel=1e-6)
+def test_reward_by_hand():
+    """The paper's, and the smooth task's, which bounds the cost of velocities at 20 rad/s."""
+    paper, smooth = paper_task(ROBOTS["acrobot"]), smooth_task(ROBOTS["pendubot"])
+    for task, x, u, reward in (
+        (paper, (0, 0, 0, 0), (0, 0), -0.05 * PI**2),  # hanging: -0.001 * 50 π² = -0.4935
+        (paper, (PI, 0, 0, 0), (0, 0), 0),  # the goal
+        (paper, (PI, 0, 0, 0), (0, 6), -0.036),  # -0.001 * 6² (N m)²
+        (paper, (PI, 0, 2, 0), (0, 0), -0.016),  # -0.001 * 4 * 4
+        (paper, (PI, 0, 0, -3), (0, 0), -0.018),  # -0.001 * 2 * 9
+        (paper, (-3 * PI, 4 * PI, 0, 0), (0, 0), 0),  # whole turns from the goal
+        (paper, (-0.5, 0, 0, 0), (0, 0), -0.05 * (PI - 0.5) ** 2),  # q1 = 2π - 0.5, not -0.5 - π
+        (paper, (PI, 1.5 * PI, 0, 0), (0, 0), -0.0125 * PI**2),  # q2 = -π/2: -0.001 * 50 π²/4
+        (paper, (PI, 0, 30, 0), (0, 0), -3.6),  # -0.001 * 4 * 900: the paper bounds no velocity
+        (smooth, (PI, 0, 50, -99), (0, 0), -2.4),  # -0.001 * (4 * 20² + 2 * 20²)
+        (smooth, (PI, 0, -10, 0), (0, 0), -0.4),
+    ):
+        found = task.reward(jnp.array(x, jnp.float32), jnp.array(u, jnp.float32))
+        assert float(found) == pytest.approx(reward, rel=1e-5, abs=1e-6)
+    assert (smooth.observation.angles, smooth.observation_size) == ("sincos", 6)
 
 
 def test_passive_joint_gets_no_torque(robot):
