@@ -162,6 +162,7 @@ TOGETHER = {
     "'ar-eapo': it has a plant of its own": lambda: get_controller("ar-eapo", "pendubot", plant="B.0"),
     "torque limit of 0": lambda: baseline("lqr", "acrobot", load_plant("B.0").changed(tl2=0.0)),
     "= 0 N m must be positive": lambda: get_task("smooth", ACROBOT, load_plant("C.1").changed(tl1=0.0, tl2=0.0)),
+    "in plain Python: an estimator goes only": lambda: get_controller("math:sin", "acrobot", estimator=True),
     "in plain Python: call it as it is": lambda: loop_controller(get_controller("math:sin", "acrobot"), "acrobot"),
     "the acrobot, not the pendubot": lambda: loop_controller(get_controller("lqr", "acrobot"), "pendubot"),
     "runs hidden layers of ReLU": lambda: c_header(shipped_with(activation="tanh")),

@@ -19,35 +19,11 @@ from swingup.policy.shipped import load_policy
 from swingup.runtime import load_controller
 
 
-class BadTextError(Exception):
-    """An error whose text cannot be had."""
-
-    def __str__(self):
-        raise RuntimeError("no text")
-
-
-class EndOfAll(BaseException):
-    """No ``Exception``, as SystemExit is none."""
-
-
-class Unprintable:
-    def __repr__(self):
-        raise RuntimeError("no repr")
-
-
-class Tensor:
-    """As a torch tensor that requires a gradient: it refuses to become an array."""
-
-    def __array__(self, dtype=None, copy=None):
-        raise RuntimeError("call detach() first")
-
-
 class Remembering:
-    """A good object with memory, but for what it is made with: ``reset=BadTextError()`` raises in its reset()."""
+    """A good object with memory, but for what it is made with: ``errors`` are what its attributes raise."""
 
     def __init__(self, torque=None, errors=(), **attributes):
-        self.torque, self.errors = torque, dict(errors)
-        self.__dict__.update(attributes)
+        self.__dict__.update(torque=torque, errors=dict(errors), **attributes)
 
     def __getattribute__(self, name):
         errors = object.__getattribute__(self, "__dict__").get("errors", {})
@@ -87,14 +63,6 @@ def good(x, t):
     return [0.0, np.sin(x[0]) + t]
 
 
-def keywords_only(*, t, x):
-    return [0.0, float(np.sin(x[0]) + t)]
-
-
-def other_names(measured, now):
-    return good(measured, now)
-
-
 def altering(x, t):
     x[:] = 0
     return [0.0, 0.0]
@@ -110,18 +78,14 @@ def raising(error):
 FAULTY = {
     "clear its memory in reset": NeverCleared(),
     "no independent copies": Shared(),
-    "by one: let copy.deepcopy copy it": Remembering(errors={"__deepcopy__": TypeError("no copies")}),
     "raised ValueError (not today) at t = 0 s": raising(ValueError("not\ntoday")),
-    "raised EndOfAll (good bye) at t = 0 s": raising(EndOfAll("good bye")),
-    "BadTextError whose text raises RuntimeError": raising(BadTextError()),
+    "raised SystemExit (good bye) at t = 0 s": raising(SystemExit("good bye")),
     "not finite at t = 0.004 s": lambda x, t: [0.0, np.nan if t > 0.003 else 0.0],
     "changes the measurement": altering,
-    "its attribute reset raised BadTextError": Remembering(errors={"reset": BadTextError()}),
     "its attribute init raised SystemExit (3)": Remembering(errors={"init": SystemExit(3)}),
     # What an object asks for on the acrobot's passive joint, it has to declare.
     "up to 0.5 N m on the passive joint 1: return 0 there, or declare": lambda x, t: [0.5, 0.0],
     "joint 1, and its passive_limit is 0.4: clip the torque": Remembering([0.5, 0.0], passive_limit=0.4),
-    "its attribute passive_limit = 'much': use a number": Remembering([0.5, 0.0], passive_limit="much"),
     "its attribute passive_limit = -1.0: use a number": Remembering([0.5, 0.0], passive_limit=-1.0),
     "its arguments are t, x, and a controller is called with (x, t): swap them": lambda t, x: [0.0, x[0]],
     "it answers to (t, x) alone": lambda now_s, angles: [0.0, 0.1 * angles[0] + now_s],
@@ -129,8 +93,8 @@ FAULTY = {
 }
 SOUND = {
     "function": good,
-    "keywords": keywords_only,
-    "other names": other_names,
+    "keywords": lambda *, t, x: good(x, t),
+    "other names": lambda measured, now: good(measured, now),
     "object": Remembering(),
     "declared": Remembering([0.5, 0.0], passive_limit=0.5),
     "robot of another kind": Remembering(robot=3),
@@ -138,15 +102,16 @@ SOUND = {
 
 
 ANSWERS = [
-    [1.0], np.zeros((2, 1)), np.ones(10**6), "two", "a\n\x1b[31m" * 1000, Tensor(), None, np.array([0, 1j]),
-    Unprintable(), [0, 10**5000],
+    [1.0], np.zeros((2, 1)), np.ones(10**6), "two", "a\n\x1b[31m" * 1000, None, np.array([0, 1j]), [0, 10**5000],
+    [0.0, [1.0, 2.0]],
 ]  # fmt: skip
+"""The last one refuses to become an array, as a torch tensor that requires a gradient does."""
 
 
 def test_answers_that_are_not_two_numbers():
     for given in ANSWERS:
         (finding,) = check_controller(lambda x, t, given=given: given, "acrobot")
-        assert "return two real numbers" in finding or "detach()" in finding
+        assert ("return two real numbers" if given is not ANSWERS[-1] else "raised ValueError (") in finding
         assert finding.isprintable()
         assert len(finding) < 400
 
@@ -164,9 +129,7 @@ NO_CONTROLLER = {
     "3 is not a controller: pass a function": 3,
     "Remembering'> is not a controller": Remembering,
     " is not a controller: pass": Remembering(get_control_output=[0.0, 1.0]),
-    "attribute robot raised ValueError (secret place): correct": Remembering(
-        errors={"robot": ValueError("secret\nplace")}
-    ),
+    "attribute robot raised ValueError (no): correct": Remembering(errors={"robot": ValueError("no")}),
 }
 
 
@@ -177,7 +140,7 @@ def test_what_cannot_even_be_wrapped(named):
 
 
 def test_copies_run_side_by_side_only_without_a_common_memory():
-    ending = Remembering(errors={"__deepcopy__": EndOfAll()})
+    ending = Remembering(errors={"__deepcopy__": SystemExit()})
     assert [len(PythonController(source).copies(5)) for source in (Remembering(), Shared(), ending)] == [5, 1, 1]
 
 
@@ -191,10 +154,9 @@ class Jax(AbstractController):
         return {"calls": jnp.zeros((), int)}
 
     def __call__(self, carry, t, x):
-        calls = carry["calls"] + (1.5 if self.fault == "memory" else 1)
+        calls, u = carry["calls"] + (1.5 if self.fault == "memory" else 1), jnp.array([0.0, 1.0]) * x[0]
         if self.fault == "raising":
             raise RuntimeError("no")
-        u = jnp.array([0.0, 1.0]) * x[0]
         if self.fault == "callback":
             u = jax.pure_callback(raising(ValueError("host\nfailed")), jax.ShapeDtypeStruct((2,), x.dtype), x, t)
         u = {

@@ -5,17 +5,12 @@ import functools
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmark.controllers import Memoryless
 from benchmark.independent import derivative, rk4
-from swingup.controllers.interface.controller import check_interface
-from swingup.controllers.stack.estimator import with_estimator
 from swingup.plant.maths import NUMPY
 from swingup.plant.plant import LEADERBOARD
-from swingup.plant.robots import ROBOTS
 from swingup.policy.estimator import core
 from swingup.policy.estimator.settings import POSITION_NOISE, EstimatorSettings, default_estimator, kalman_gains
 from swingup.policy.numpy_backend.controller import numpy_controller
@@ -227,14 +222,6 @@ def test_a_jump_restarts_from_the_measurement():
     # An angle that is off by 1 rad would make a rate of 348 rad/s of the filter's.
     jumped = HERE + np.array([0.0, 1.0, 0.0, 0.0])
     np.testing.assert_array_equal(fed(HERE, HERE, jumped)[1], jumped)
-
-
-@pytest.mark.parametrize("double", [False, True])
-def test_memory_keeps_its_types(double):
-    controller = with_estimator(Memoryless(lambda t, x: jnp.array([9.0, 0.0])), ROBOTS["pendubot"], PENDUBOT)
-    with jax.enable_x64(double):
-        check_interface(controller)
-        assert controller.init().estimator.state.dtype == (jnp.float64 if double else jnp.float32)
 
 
 def test_default_settings_are_in_the_plants_units(similar):

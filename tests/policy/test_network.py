@@ -147,6 +147,7 @@ def test_a_policy_file_in_jax_and_in_numpy(tmp_path, activation, bounds):
     found, states = read_pendulum_policy(tmp_path / "p.safetensors"), random_states()[:5]
     numpy, network = numpy_controller(found), found.network
     loaded, _ = lone_policy(tmp_path / "p.safetensors", "pendubot")
+    assert loaded.policy.actor(jnp.zeros(4)).log_std.shape == (1,)
     with jax.enable_x64(True):
         judge = jax.jit(jax.vmap(lambda x: (loaded.policy.observe(x), 3.0 * loaded.policy(x)[0])))
         features, judged = map(np.asarray, judge(jnp.asarray(states)))
