@@ -12,7 +12,7 @@ from swingup.benchmark.runner import run_one
 from swingup.controllers.baselines import continuation
 from swingup.controllers.baselines.baselines import shipped_reference
 from swingup.controllers.baselines.continuation import accepted, continue_swingups, nominal_swingups
-from swingup.controllers.baselines.continuation_settings import ContinuationSettings, next_step
+from swingup.controllers.baselines.continuation_settings import ContinuationSettings
 from swingup.controllers.baselines.dry_friction import linear_friction
 from swingup.dynamics.angles import UPRIGHT
 from swingup.plant.plant import LEADERBOARD, NAMES
@@ -25,12 +25,6 @@ LONG_STEPS = dataclasses.replace(SETTINGS, first_step=0.2, largest_step=0.4)
 
 def stacked(*plants):
     return jax.tree.map(lambda *values: np.array(values, float), *plants)
-
-
-def test_a_step_grows_after_a_swing_up_that_counts_and_falls_after_one_that_does_not():
-    steps = next_step(np.array([0.2, 0.3, 0.2]), np.array([True, True, False]), LONG_STEPS)
-    # 0.2 * 1.5; 0.3 * 1.5 = 0.45 is above the largest step of 0.4; 0.2 * 0.4.
-    np.testing.assert_allclose(steps, [0.3, 0.4, 0.08])
 
 
 def test_nominal_swing_ups_are_the_shipped_one_and_then_rest(robot):
@@ -74,7 +68,7 @@ def test_plants_move_by_steps_of_their_own(monkeypatch):
 
     def optimised(swingups, settings):
         called.append(len(swingups.reached))
-        failed = swingups.plants.m2 > nominal.m2 + 0.05
+        failed = swingups.plants.m2 > nominal.m2 + 0.06
         return dataclasses.replace(swingups, cost=np.where(failed, np.nan, 0.16))
 
     monkeypatch.setattr(continuation, "_optimised", optimised)
@@ -85,8 +79,8 @@ def test_plants_move_by_steps_of_their_own(monkeypatch):
     assert found.reached[0] == 1.0
     # All parameters are the target's to the last bit.
     assert all(getattr(found.plants, name)[0] == getattr(targets, name)[0] for name in NAMES)
-    # The plant fails above λ = 0.5. It is given up within a step below 0.01 / 0.4 of that.
-    assert 0.5 - 0.025 < found.reached[1] <= 0.5
+    # The plant fails above λ = 0.6. It is given up within a step below 0.01 / 0.4 of that.
+    assert 0.6 - 0.025 < found.reached[1] <= 0.6
     assert found.plants.m2[1] == pytest.approx(nominal.m2 + 0.1 * found.reached[1])
     # Two plants fill a batch of three. 0.2 + 0.3 + 0.4 + 0.1 are four rounds.
     assert set(called) == {3}

@@ -1,8 +1,10 @@
-"""Swing-ups to follow: the shipped ones, their files, and RealAIGym's CSV format."""
+"""Swing-ups to follow: the shipped ones, their optimum, their files, and RealAIGym's CSV format."""
 
 import dataclasses
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -16,8 +18,8 @@ from swingup.controllers.baselines.own_units import SEARCH
 from swingup.controllers.baselines.published import PUBLISHED_SETTINGS
 from swingup.controllers.baselines.tracking import RiccatiController
 from swingup.controllers.swingups import design
-from swingup.controllers.swingups.design import compute_reference
-from swingup.controllers.swingups.ilqr import feedback_gains
+from swingup.controllers.swingups.design import RESTING_STATE, _cheapest, compute_reference
+from swingup.controllers.swingups.ilqr import Solution, feedback_gains
 from swingup.controllers.swingups.reference import (
     REFERENCE_ARRAYS,
     REFERENCE_FORMAT,
@@ -27,7 +29,7 @@ from swingup.controllers.swingups.reference import (
     save_reference,
 )
 from swingup.controllers.swingups.trajectory_csv import load_reference_csv, save_reference_csv
-from swingup.controllers.swingups.transition import PendulumTransition
+from swingup.controllers.swingups.transition import PendulumTransition, TorqueRateTransition
 from swingup.dynamics.angles import UPRIGHT
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.plant import LEADERBOARD
@@ -80,7 +82,7 @@ def test_regularised_gains_are_weak(x64, robot):
 def test_a_shipped_trajectory_can_be_recomputed(name, problem, settings, rtol, atol):
     """One robot's of each: the published pendubot's takes more than four times as many iterations of one program.
 
-    That its ``score`` is optimal for the other robot, too, small changes tell in ``test_optimal.py``.
+    That its ``score`` is optimal for the other robot, too, small changes of the torques tell.
     """
     shipped, metadata = shipped_reference(name, problem)
     reference, provenance = compute_reference(name, settings[name].swingup, metadata["seed"])
@@ -101,6 +103,76 @@ def test_the_optimiser_stays_at_the_pendubots_trajectory(monkeypatch):
     np.testing.assert_allclose(found.torque, shipped.torque, atol=1e-5)
     np.testing.assert_allclose(found.states, shipped.states, atol=1e-3)
     np.testing.assert_allclose(found.gains, shipped.gains, atol=1e-3 * np.abs(shipped.gains).max())
+
+
+def test_no_small_change_of_the_torques_lowers_the_cost(x64, robot):
+    reference, metadata = shipped_reference(robot, "score")
+    problem, p, dt = OPTIMAL_SETTINGS[robot.name].swingup, LEADERBOARD.driven(robot), reference.dt
+    rows, actuation = len(reference.torque), np.array(robot.actuation)
+
+    @jax.jit
+    @jax.vmap
+    def follow(change):
+        # Feedback keeps the changed motion near the old one, which is unstable.
+        def step(x, row):
+            middle, torque, gains, more = row
+            u = torque + gains @ (x - middle) + more
+            after = rk4_step(p, x, u * actuation, dt)
+            return after, (after, u)
+
+        rows = reference.states, reference.torque, reference.gains, change
+        return jax.lax.scan(step, jnp.zeros(4), rows)[1]
+
+    def costs(x, u, torque_weight):
+        # The torque after the last row is not kept. It minimises rate (u_n - u_{n-1})²/dt + final_torque u_n².
+        stiffness = problem.rate / dt
+        last = u[:, -1] * stiffness / (stiffness + problem.final_torque)
+        rate = np.diff(np.column_stack([u, last])) / dt
+        angle_weight, _, velocity_weight, _ = problem.weights.state
+        velocity = np.sum(x[:, :-1, 2:] ** 2, axis=(1, 2))  # at rest in the first row
+        angle = np.sum((x[:, :-1, 0] - np.pi) ** 2, axis=1) + np.pi**2
+        stages = velocity_weight * velocity + angle_weight * angle
+        stages += torque_weight * np.sum(u**2, axis=1) + problem.rate * np.sum(rate**2, axis=1)
+        final = (x[:, -1] - RESTING_STATE[:4]) ** 2 @ np.array(problem.weights.final)
+        return dt * stages + final + problem.final_torque * last**2
+
+    sines = np.sin(np.pi * np.arange(1, 7)[:, None] * np.linspace(0.0, 1.0, rows))
+    changes = 1e-3 * np.random.default_rng(0).normal(size=(8, 6)) @ sines
+    x, u = map(np.asarray, follow(np.concatenate([np.zeros((1, rows)), changes, -changes])))
+    unchanged, *changed = costs(x, u, problem.weights.torque)
+    assert unchanged == pytest.approx(metadata["cost"], rel=1e-6)
+    assert min(changed) > unchanged - 1e-8
+    # The same changes do find something to gain where torque costs twice as much.
+    unchanged, *changed = costs(x, u, 2 * problem.weights.torque)
+    assert min(changed) < unchanged - 1e-6
+
+
+def test_the_torques_rate_moves_the_torque_only_in_its_own_step(x64):
+    pendulum = PendulumTransition(LEADERBOARD.driven(ACROBOT), ACROBOT.joint, 0.002)
+    transition, x = TorqueRateTransition(pendulum), tuple(map(jnp.float64, (0.3, -0.2, 1.0, 2.0, 0.7)))
+    np.testing.assert_allclose(transition.step(x, 5.0)[4], 0.7 + 0.002 * 5.0)
+    np.testing.assert_allclose(transition.step(x, 5.0)[:4], pendulum.step(x[:4], x[4]))
+    columns = np.array(transition.jacobian(x, jnp.float64(5.0)))
+    np.testing.assert_allclose(columns[5], [0, 0, 0, 0, 0.002])
+    np.testing.assert_allclose(columns[:5, :4], pendulum.jacobian(x[:4], x[4]), atol=1e-15)
+
+
+def test_guesses_are_seeded_and_end_at_rest(robot):
+    search = OPTIMAL_SETTINGS[robot.name].swingup.search
+    torques = search.guesses(181, 3)
+    assert torques.shape == (search.starts, 181)
+    np.testing.assert_array_equal(torques, search.guesses(181, 3))
+    assert np.abs(torques - search.guesses(181, 4)).max() > 0
+    assert np.abs(torques[:, 0]).max() <= search.first_torque
+    np.testing.assert_array_equal(torques[:, 144:], 0.0)
+
+
+def test_the_cheapest_finite_start_is_taken():
+    rows = jnp.arange(3.0)
+    solutions = Solution(rows, rows, jnp.array([jnp.nan, 2.0, 1.0]), rows, rows, rows)
+    assert _cheapest(solutions, 7).torque == 2.0
+    hopeless = eqx.tree_at(lambda s: s.cost, solutions, jnp.full(3, jnp.nan))
+    assert "no first torque of seed 7 leads to a finite cost: use another seed" in refusal(_cheapest, hopeless, 7)
 
 
 def test_files_keep_everything(tmp_path):
