@@ -50,17 +50,13 @@ def test_gymnasiums_checker_passes(either_robot):
 
 
 def test_dm_controls_acrobot_by_its_ids():
-    dense, sparse = (gymnasium.make(f"swingup/AcrobotSwingup{kind}-v0").unwrapped for kind in ("", "Sparse"))
-    leaning = {"state": [np.pi + 0.3, 0.0, 0.0, 0.0]}
-    for env in (dense, sparse):
-        observation, _ = env.reset(seed=1, options=leaning)
-        np.testing.assert_allclose(observation, [np.sin(0.3)] * 2 + [np.cos(0.3)] * 2 + [0.0, 0.0], atol=1e-6)
+    for kind, reward in (("", 0.1 ** (0.4**2)), ("Sparse", 0.0)):
+        env = gymnasium.make(f"swingup/AcrobotSwingup{kind}-v0").unwrapped
+        observation, _ = env.reset(options={"state": [np.pi + 0.3, 0.0, 0.0, 0.0]})
         assert env.observation_space.contains(observation)
-    rewards = [env.step(np.zeros(1, np.float32))[1] for env in (dense, sparse)]
-    # The tip is some 4 sin(0.15) = 0.6 m from its highest place.
-    assert rewards[0] == pytest.approx(0.1 ** (0.4**2), abs=0.01)
-    assert rewards[1] == 0.0
-    assert (dense.dt, dense.metadata["render_fps"]) == (0.01, 100)
+        # The tip is some 4 sin(0.15) = 0.6 m from its highest place.
+        assert env.step(np.zeros(1, np.float32))[1] == pytest.approx(reward, abs=0.01)
+        assert (env.dt, env.metadata["render_fps"]) == (0.01, 100)
 
 
 def test_id_with_module_registers_without_import_and_without_pillow():
@@ -75,7 +71,7 @@ def test_id_with_module_registers_without_import_and_without_pillow():
     assert done.stdout == ""
 
 
-def test_environment_follows_the_task_step_by_step(either_robot):
+def test_environment_follows_the_task_step_by_step_and_clips_actions(either_robot):
     robot = either_robot.name
     task = changed_task(robot, truncation_probability=0.2)
     env = PendulumEnv(robot, task)
@@ -86,13 +82,11 @@ def test_environment_follows_the_task_step_by_step(either_robot):
     state = reset(reset_key)
     np.testing.assert_allclose(info["state"], state.x, rtol=1e-6)
     np.testing.assert_allclose(observation, task.observe(state), rtol=1e-6)
-    assert observation.flags.writeable
-    assert info["state"].flags.writeable
     flags = []
     for action in actions(30):
-        observation, reward, terminated, truncated, info = env.step(action)
+        observation, reward, terminated, truncated, info = env.step(2.0 * action)
         step_key, key = jax.random.split(key)
-        expected = step(state, action, step_key)
+        expected = step(state, np.clip(2.0 * action, -1.0, 1.0), step_key)
         state = expected.state
         np.testing.assert_allclose(info["state"], state.x, rtol=1e-4, atol=1e-5)
         np.testing.assert_allclose(observation, expected.observation, rtol=1e-4, atol=1e-5)
@@ -103,18 +97,6 @@ def test_environment_follows_the_task_step_by_step(either_robot):
         assert observation.flags.writeable
         assert info["state"].flags.writeable
     assert 0 < sum(flags) < 30
-
-
-def test_actions_drive_only_the_robots_joint_and_are_clipped():
-    # At rest and hanging M q̈ = u, so that q̈ = [M22 u1, -M12 u1] / det M or [-M12 u2, M11 u2] / det M, and all > 0.
-    for robot, signs in (("pendubot", [1, -1]), ("acrobot", [-1, 1])):
-        env, rates = PendulumEnv(robot), []
-        for push in (1.0, 3.0):
-            env.reset(options={"state": np.zeros(4)})
-            rates.append(env.step(np.array([push]))[4]["state"][2:])
-        assert np.sign(rates[0]).tolist() == signs
-        assert np.all(np.abs(rates[0]) > 0.1)
-        np.testing.assert_array_equal(*rates)
 
 
 def test_seeds_repeat_and_differ():
@@ -200,16 +182,14 @@ def test_vector_equals_gymnasiums_batch_of_single_environments(either_robot):
     assert mine.observation_space == theirs.observation_space
     assert mine.action_space == theirs.action_space
     assert data_equivalence(mine.reset(seed=5), theirs.reset(seed=5))
-    lengths, ages = [], np.zeros(2, int)
+    ended = []
     for action in actions(30, 2):
         actual, expected = mine.step(action), theirs.step(action)
         assert data_equivalence(actual, expected)
         assert mine.observation_space.contains(actual[0])
-        ages += 1
-        lengths.extend(ages[actual[3]].tolist())
-        ages[actual[3]] = 0
-    assert max(lengths) == 3
-    assert min(lengths) < 3
+        ended.append(actual[3][0])
+    lengths = np.diff(np.flatnonzero(ended))
+    assert min(lengths) < max(lengths) == 3  # at random, and by the limit
     assert data_equivalence(mine.reset(), theirs.reset())  # the keys go on, too
 
 

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from benchmark.controllers import HANGING
-from learner.contract import TINY
-from learner.environments import Noisy
+from learner.environments import TINY, Lever, Noisy
 from policies import lone_policy
 from refusals import refusal
 from swingup import AREAPO, get_controller, identify, judge, leaderboard, load_plant, loop_controller, score, search
@@ -173,6 +172,9 @@ TOGETHER = {
     "has no stage": lambda: policy_of(dataclasses.replace(LONE, policy=Policy((abs,), LONE.policy.actor))),
     "callback = 3": lambda: AREAPO(Noisy, **TINY).learn(64, 3),
     "is not a run's folder": lambda: AREAPO.load("."),
+    "1024 of 1024 resets gave an observation that is not finite": lambda: AREAPO(Lever(shown=math.nan), **TINY),
+    "evaluation_episodes = 0": lambda: AREAPO(Lever(), **(TINY | {"evaluation_episodes": 0})),
+    "no preset was named for this PendulumTask": lambda: AREAPO(get_task("smooth", ACROBOT), **TINY),
     "scored by one episode": lambda: AREAPO("pendubot", **TINY).evaluate(100),
 }
 """Arguments of which each alone is good."""

@@ -3,6 +3,7 @@
 import json
 import math
 import multiprocessing
+import os
 import shlex
 import shutil
 import signal
@@ -185,10 +186,8 @@ def is_running(pid):
 
 @pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
-@pytest.mark.parametrize(
-    ("number", "search"),
-    [(number, search) for number in (signal.SIGKILL, signal.SIGTERM, signal.SIGINT) for search in (False, True)],
-)
+@pytest.mark.parametrize("search", [False, True])
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_a_command_that_is_killed_takes_its_workers_along_and_goes_on(tmp_path, number, search):
     words = "sweep --env CartPole-v1 --workers 2 --evaluate-every 64 --seeds 2 --checkpoint-every 64 --frames 6400"
     words += " --evaluation-episodes 1 " + ("--trials 2 --set learning_rate=1e-4:1e-2" if search else "--set")
@@ -208,10 +207,9 @@ def test_a_command_that_is_killed_takes_its_workers_along_and_goes_on(tmp_path, 
     while any(map(is_running, workers)) and time.monotonic() < deadline:
         time.sleep(0.05)
     assert not any(map(is_running, workers))
-    checkpoints = {path.parent: RunFolder(path.parent).newest_frames() for path in tmp_path.rglob("checkpoints")}
+    assert list(tmp_path.rglob("checkpoints"))
     done = subprocess.run([*command, "--json"], capture_output=True, text=True, timeout=900)
     assert done.returncode == 0, done.stderr
-    assert checkpoints
     assert [row.get("runs", row.get("state")) for row in json.loads(done.stdout)] == (
         ["complete", "complete"] if search else [2]
     )
@@ -372,23 +370,15 @@ def test_searches_that_are_refused(tmp_path, searched, monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_command_searches_goes_on_and_its_best_settings_train(tmp_path, capsys, monkeypatch):
+def test_the_best_settings_of_the_commands_search_train_the_same_run(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     words = ["sweep", "--env", "CartPole-v1", "--frames", "256", "--evaluate-every", "64", "--workers", "2"]
-    words += ["--evaluation-episodes", "1", "--set", *SIZE_WORDS, "learning_rate=1e-4:1e-2:log"]
-    assert main([*words, "--trials", "2"]) == 0
+    words += ["--evaluation-episodes", "1", "--set", *SIZE_WORDS, "learning_rate=1e-4:1e-2:log", "--trials", "2"]
+    assert main(words) == 0
     assert "2 trials complete" in capsys.readouterr().out
-    folder = tmp_path / "searches" / "CartPole-v1-mujoco"
-    written = {path: path.stat().st_mtime_ns for path in folder.rglob("last.safetensors")}
-    assert len(written) == 2
-    assert main([*words, "--trials", "3", "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)
-    assert [(row["trial"], row["state"]) for row in rows] == [(0, "complete"), (1, "complete"), (2, "complete")]
-    assert all(path.stat().st_mtime_ns == then for path, then in written.items())
-    best = json.loads((folder / "best.json").read_text())
+    best = json.loads((tmp_path / "searches" / "CartPole-v1-mujoco" / "best.json").read_text())
     assert main([*shlex.split(best["command"])[1:], "--out", "again"]) == 0
-    # The command's run is the trial's, bit for bit.
     again, seed = tmp_path / "again", Path(best["folder"]) / "seed-0"
     assert read_run_settings(again)[0] == read_run_settings(seed)[0]
     rows = [read_metrics(run / "metrics.jsonl") for run in (again, seed)]
@@ -400,38 +390,22 @@ def test_the_command_searches_goes_on_and_its_best_settings_train(tmp_path, caps
 
 @pytest.fixture
 def cluster(tmp_path):
-    """A Dask scheduler and two workers on this machine: its address and the workers' processes."""
+    """A Dask scheduler and two workers on this machine."""
     distributed = pytest.importorskip("distributed")
-    file = tmp_path / "scheduler.json"
-    python = [sys.executable, "-m", "dask"]
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    common = ["--scheduler-file", str(file), "--no-dashboard"]
-    scheduler = [*python, "scheduler", "--host", "tcp://127.0.0.1", "--port", "0", *common]
-    worker = [*python, "worker", "--nthreads", "1", "--no-nanny", "--host", "127.0.0.1", *common]
-    with subprocess.Popen(scheduler, **quiet) as one:
-        workers = [subprocess.Popen(worker, cwd=tmp_path, **quiet) for _ in range(2)]
-        deadline = time.monotonic() + 60
-        while not file.exists() and time.monotonic() < deadline:
-            time.sleep(0.1)
-        address = json.loads(file.read_text())["address"]
-        with distributed.Client(address, timeout=60) as client:
-            client.wait_for_workers(len(workers), timeout=120)  # on a busy machine they come long after the file
-        yield address, workers
-        for process in (*workers, one):
-            process.kill()
-            process.wait()
+    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
+    with distributed.LocalCluster(**options, local_directory=str(tmp_path)) as cluster:
+        yield cluster
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")
 def test_a_dask_worker_is_killed_and_no_run_is_lost(cluster, tmp_path):
-    address, workers = cluster
-    killed = []
+    address, killed = cluster.scheduler_address, []
 
     def kill_one(job, row):
         if not killed:  # the others are under way or waiting
-            killed.append(workers[0].pid)
-            workers[0].kill()
+            killed.append(cluster.workers[0].pid)
+            os.kill(killed[0], signal.SIGKILL)
 
     with workers_for(address) as (executor, count):
         assert count == 2

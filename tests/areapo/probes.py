@@ -105,15 +105,6 @@ def best_squashed_gaussian(reward, temperature):
     return best
 
 
-class Lever(Probe):
-    """Three choices that pay 0, 1 and 2: the best policy is proportional to exp(r/τ)."""
-
-    choices = (3,)
-
-    def outcome(self, value, action):
-        return action.astype(float), value
-
-
 class Levers(Probe):
     """Two choices at a time: the first decides the next state, which pays or not; the second does nothing."""
 

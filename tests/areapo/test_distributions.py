@@ -1,4 +1,4 @@
-"""Networks, and distributions of actions, in choices and in numbers: probabilities, samples, policies and files."""
+"""Networks, and distributions of actions, in choices and in numbers: probabilities, samples, gradients."""
 
 import re
 
@@ -7,19 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from array_files import change_file
-from policies import load_any_policy
-from refusals import refusal
 from swingup.areapo import initial
 from swingup.areapo.networks import BoundedGaussian, Categoricals
-from swingup.controllers.stack.policy import Policy, save_policy
-from swingup.tasks.observation import NormaliseStage
 
 # Probabilities 0.2, 0.3, 0.5 of the first action and 0.9, 0.1 of the second; logits are free up to a constant.
 PAIR = Categoricals(np.float32([*(np.log([0.2, 0.3, 0.5]) + 4.0), *(np.log([0.9, 0.1]) - 2.0)]), (3, 2))
 init_categorical_actor = jax.jit(initial.init_categorical_actor, static_argnums=(1, 2, 3))
 log_prob = jax.jit(lambda distribution, action: distribution.log_prob(action))
-mode = jax.jit(Categoricals.mode)
 
 
 def test_log_prob_by_hand():
@@ -40,39 +34,12 @@ def test_samples_follow_the_probabilities():
     assert np.mean((drawn == [2, 1]).all(axis=1)) == pytest.approx(0.05, abs=0.005)
 
 
-def test_batch_axes_come_last():
-    random = np.random.default_rng(1)
-    logits, drawn = random.normal(size=(5, 7)).astype(np.float32), random.integers(0, 2, (2, 7))
-    together = Categoricals(logits, (3, 2))
-    log_probs, modes = np.asarray(log_prob(together, drawn)), np.asarray(mode(together))
-    for column in range(7):
-        alone = Categoricals(logits[:, column], (3, 2))
-        np.testing.assert_allclose(log_probs[column], log_prob(alone, drawn[:, column]), rtol=1e-5)
-        np.testing.assert_array_equal(modes[:, column], mode(alone))
-
-
 def test_a_new_policy_is_next_to_uniform():
     actor = init_categorical_actor(jax.random.key(0), 3, (3, 2), (32, 32))
     observations = np.random.default_rng(1).normal(size=(3, 20)).astype(np.float32)
     log_probs = jax.jit(lambda actor, pair: actor(observations).log_prob(jnp.tile(pair[:, None], 20)))
     for pair in np.ndindex(3, 2):
         np.testing.assert_allclose(np.exp(log_probs(actor, np.array(pair))), 1 / 6, atol=0.007)
-
-
-def test_the_policy_file_keeps_the_policy_and_its_choices(tmp_path):
-    actor = init_categorical_actor(jax.random.key(0), 4, (3, 2), (8,))
-    actor = jax.tree.map(
-        lambda leaf: np.asarray(leaf) + np.float32(np.sin(np.arange(leaf.size))).reshape(leaf.shape), actor
-    )
-    policy = Policy((NormaliseStage(np.linspace(-1, 1, 4), np.linspace(0.5, 2, 4)),), actor)
-    save_policy(tmp_path / "p.safetensors", policy, {"env": "Task-v0"})
-    loaded, metadata = load_any_policy(tmp_path / "p.safetensors")
-    assert (metadata["choices"], metadata["env"]) == ([3, 2], "Task-v0")
-    for observation in np.random.default_rng(0).normal(size=(20, 4)):
-        np.testing.assert_array_equal(loaded(observation), policy(observation))
-    for choices in ([3, 3], [], [3.5], "32"):
-        change_file(tmp_path / "p.safetensors", {"choices": choices})
-        refusal(load_any_policy, tmp_path / "p.safetensors")
 
 
 def density(distribution, actions):

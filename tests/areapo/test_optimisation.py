@@ -18,34 +18,27 @@ CONFIG = Config(
 """A cycle has 100 iterations."""
 
 
-@pytest.mark.parametrize("start", [0, 100, 10**6])
-@pytest.mark.parametrize(
-    ("done", "rate", "clip"),
-    [(0, 1.0, 1.0), (50, 1.0, 1.0), (75, 0.1**0.5, 0.15**0.5), (99, 0.1**0.98, 0.15**0.98)],
-)
-def test_learning_rate_and_clip_range_fall_by_the_same_factor_in_equal_times(start, done, rate, clip):
-    found = jax.jit(scheduled)(CONFIG, jnp.array(start + done))
-    assert float(found.learning_rate) == pytest.approx(1e-3 * rate, rel=1e-4)
-    assert float(found.clip_range) == pytest.approx(0.2 * clip, rel=1e-4)
-    assert float(found.temperature) == 2.0
+SCHEDULED = [
+    # In each cycle learning rate and clip range fall by the same factor in equal times, after half of it.
+    *(("anneal", 1, start + done, (1e-3 * 0.1**fall, 0.2 * 0.15**fall, 2.0, 0.98, 0.93))
+      for start in (0, 100, 10**6) for done, fall in ((0, 0.0), (50, 0.0), (75, 0.5), (99, 0.98))),
+    # The temperature is lower for a while.
+    *(("anneal_entropy", 2, done, (None, None, 2.0 * factor, 0.98, 0.93))
+      for done, factor in ((0, 1.0), (30, 0.55), (80, 0.55), (105, 0.775), (130, 1.0), (198, 1.0))),
+    # λ falls once, after a third of the schedule.
+    *(("anneal_lambda", 3, done, (1e-3, 0.2, 2.0, most, min(most, 0.93)))
+      for done, most in ((0, 0.98), (100, 0.98), (200, 1 - 0.002**0.5), (300, 0.9), (10**6, 0.9))),
+]  # fmt: skip
+"""A schedule, of so many cycles, and after some iterations learning rate, clip range, temperature and both λ."""
 
 
-@pytest.mark.parametrize(
-    ("done", "factor"), [(0, 1.0), (15, 0.55), (40, 0.55), (52.5, 0.775), (65, 1.0), (99, 1.0)]
-)
-def test_the_temperature_is_lower_for_a_while(done, factor):
-    config = dataclasses.replace(CONFIG, schedule="anneal_entropy", schedule_frames=200_000)
-    found = jax.jit(scheduled)(config, jnp.array(int(2 * done)))
-    assert float(found.temperature) == pytest.approx(2.0 * factor, rel=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("done", "most"), [(0, 0.98), (100, 0.98), (200, 1 - 0.002**0.5), (300, 0.9), (10**6, 0.9)]
-)
-def test_lambda_falls_once_after_a_third_of_the_schedule(done, most):
-    config = dataclasses.replace(CONFIG, schedule="anneal_lambda", schedule_frames=300_000, gae_lambda=(0.98, 0.93))
-    found = jax.jit(scheduled)(config, jnp.array(done))
-    np.testing.assert_allclose(found.gae_lambda, (most, min(most, 0.93)), rtol=1e-6)
+@pytest.mark.parametrize(("schedule", "cycles", "done", "expected"), SCHEDULED)
+def test_what_a_schedule_changes_and_leaves(schedule, cycles, done, expected):
+    changes = {"schedule": schedule, "schedule_frames": cycles * 100_000, "gae_lambda": (0.98, 0.93)}
+    config = jax.jit(scheduled)(dataclasses.replace(CONFIG, **changes), jnp.array(done))
+    found = (config.learning_rate, config.clip_range, config.temperature, *config.gae_lambda)
+    for value, right in zip(found, expected, strict=True):
+        assert right is None or float(value) == pytest.approx(right, rel=1e-5)
 
 
 def test_cycles_are_of_whole_iterations_and_a_constant_schedule_changes_nothing():
@@ -76,17 +69,13 @@ def test_an_order_has_every_frame_once(orders, size):
     np.testing.assert_array_equal(np.sort(drawn, axis=-1), np.tile(np.arange(size), (3, 1)))
 
 
-def test_all_orders_come_equally_often(orders):
+def test_all_orders_come_and_all_minibatches_have_a_frame_equally_often(orders):
     """Each of the 3! orders of three frames comes 1000 times in 6000 epochs, with a deviation of 29."""
     _, counts = np.unique(orders(6000, 3), axis=0, return_counts=True)
     assert counts.size == 6
     assert np.abs(counts - 1000).max() < 5 * 29
-
-
-def test_a_frame_is_in_every_minibatch_equally_often(orders):
-    """A rollout of Table I's size: a frame's place is even, also for the first and the last frames."""
+    # A rollout of Table I's size: binomial, 200 draws of probability 1/8: mean 25, deviation 4.7.
     drawn = orders(200, 8192)
-    # Binomial, 200 draws of probability 1/8: mean 25, deviation 4.7.
     for frame in (0, 1, 8190, 8191):
         minibatches = np.argmax(drawn == frame, axis=-1) // 1024
         assert np.abs(np.bincount(minibatches, minlength=8) - 25).max() < 5 * 4.7

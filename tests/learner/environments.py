@@ -1,10 +1,20 @@
-"""Hand-made Gymnasium environments whose every number is known."""
+"""Hand-made environments whose every number is known, and a small learner."""
+
+import functools
 
 import gymnasium
+import jax.numpy as jnp
 import numpy as np
 from gymnasium.spaces import Box, Discrete, MultiDiscrete
-from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from swingup.tasks.task import AbstractTask, Step
+
+TINY = {
+    "num_envs": 2, "num_steps": 16, "num_epochs": 1, "batch_size": 32, "policy_layers": (8,), "value_layers": (8,),
+    "evaluate_every": 64, "checkpoint_every": 128, "evaluation_episodes": 2,
+}  # fmt: skip
+"""Of trainings that only have to run."""
 
 
 class Stairs(gymnasium.Env):
@@ -12,9 +22,9 @@ class Stairs(gymnasium.Env):
 
     ends, pays = 3, None
 
-    def __init__(self, terminates=False):
-        self.observation_space = Box(-np.inf, np.inf, (1,), np.float64)
-        self.action_space = Box(np.array([-2.0, 0.0]), np.array([2.0, 1.0]), dtype=np.float64)
+    def __init__(self, terminates=False, observations=None, actions=None):
+        self.observation_space = observations or Box(-np.inf, np.inf, (1,), np.float64)
+        self.action_space = actions or Box(np.array([-2.0, 0.0]), np.array([2.0, 1.0]), dtype=np.float64)
         self.terminates = terminates
 
     def reset(self, *, seed=None, options=None):
@@ -48,8 +58,9 @@ class Noisy(gymnasium.Env):
         return self.position.astype(np.float32), float(reward), False, bool(self.np_random.random() < 0.02), {}
 
 
-class Endless(Stairs):
-    ends, pays = None, 2.0
+def stairs(**changes):
+    """A class of them with another end, pay or duration of a step."""
+    return type("Stairs", (Stairs,), changes)
 
 
 class Failing(Noisy):
@@ -64,49 +75,49 @@ class Failing(Noisy):
         return super().step(action)
 
 
-class Chain(VectorEnv):
-    """Hand-made, vectorised, in any autoreset mode; two kinds.
+class Chain(gymnasium.Env):
+    """Of two kinds.
 
     ``cycle``: states 0 and 1 in turn, which pay 0 and 2; after 9 steps a time limit. ``walk``: states 0, 1, 2, 3
     pay 1 each, and then it ends itself. A choice of three pays 0, 1 or 2 on top.
     """
 
-    def __init__(self, num_envs, kind, mode):
-        self.num_envs, self.kind = num_envs, kind
-        self.metadata = {"autoreset_mode": mode}
-        self.single_observation_space, self.single_action_space = Box(-1.0, 9.0, (1,), np.float32), Discrete(3)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
+    def __init__(self, kind):
+        self.cycles = kind == "cycle"
+        self.observation_space, self.action_space = Box(-1.0, 9.0, (1,), np.float32), Discrete(3)
 
     def reset(self, *, seed=None, options=None):
-        mask = (options or {}).get("reset_mask", np.ones(self.num_envs, bool))
-        if mask.all():
-            self.state, self.steps = np.zeros(self.num_envs), np.zeros(self.num_envs, int)
-            self.ended = np.zeros(self.num_envs, bool)
-        self._restart(mask)
-        return self._observe(), {}
+        self.state, self.steps = 0.0, 0
+        return np.zeros(1, np.float32), {}
 
-    def _restart(self, mask):
-        self.state[mask], self.steps[mask], self.ended[mask] = 0.0, 0, False
-
-    def _observe(self):
-        return self.state[:, None].astype(np.float32)
-
-    def step(self, actions):
-        mode = self.metadata["autoreset_mode"]
-        resetting = self.ended.copy()
-        assert mode is AutoresetMode.NEXT_STEP or not resetting.any()
-        cycle = self.kind == "cycle"
-        rewards = (2.0 * self.state if cycle else 1.0) + actions
-        self.state = 1.0 - self.state if cycle else self.state + 1.0
+    def step(self, action):
+        reward = (2.0 * self.state if self.cycles else 1.0) + action
+        self.state = 1.0 - self.state if self.cycles else self.state + 1.0
         self.steps += 1
-        self.ended = self.steps >= (9 if cycle else 4)
-        self._restart(resetting)
-        rewards = np.where(resetting, 0.0, rewards)
-        ended, seen, infos = self.ended.copy(), self._observe(), {}
-        if mode is AutoresetMode.SAME_STEP and ended.any():
-            infos = {"final_obs": seen.copy(), "_final_obs": ended}
-            self._restart(ended)
-            seen = self._observe()
-        never = np.zeros(self.num_envs, bool)
-        return seen, rewards, never if cycle else ended, ended if cycle else never, infos
+        ended = self.steps >= (9 if self.cycles else 4)
+        return np.float32([self.state]), reward, ended and not self.cycles, ended and self.cycles, {}
+
+
+def chains(count, kind, mode=AutoresetMode.SAME_STEP):
+    return SyncVectorEnv([functools.partial(Chain, kind)] * count, autoreset_mode=mode)
+
+
+class Lever(AbstractTask):
+    """In JAX: ten choices of three, which pay 1, 2 and 3; ``shown`` is what is seen for each step so far."""
+
+    ends: float = 10.0
+    shown: float = 0.0
+
+    observation_size = 1
+    action_size = 1
+    choices = (3,)
+
+    def reset(self, key):
+        return jnp.zeros(())
+
+    def observe(self, state):
+        return state[None] * self.shown
+
+    def step(self, state, action, key):
+        after = state + 1.0
+        return Step(after, self.observe(after), 1.0 + action[0], jnp.array(False), after >= self.ends)

@@ -3,6 +3,7 @@
 import dataclasses
 from collections import namedtuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -21,11 +22,65 @@ from swingup.tasks.gymnax_task import GymnaxTask
 from swingup.tasks.presets import smooth_task
 
 from . import corridors
-from .contract import TINY, Ending, check_contract, moved_by
 from .corridors import PACES, PLACES, Corridor, Discrete, Hall, Logged, Params, Room
+from .environments import TINY
 
 SMOOTH = dataclasses.replace(smooth_task(ROBOTS["acrobot"]), truncation_probability=0.0)
 ACROBOT = PendulumEnvironment("acrobot", SMOOTH)
+
+
+def moved_by(place, time):
+    return lambda start: start + np.array([place, time])
+
+
+Ending = namedtuple("Ending", "action steps terminated last")
+"""An action that, held from the start, ends an episode after some steps, of the task or of its time; and the last
+observation as a function of the first one."""
+
+
+def check_contract(task, endings):
+    """Check a task, and each of its endings."""
+
+    @jax.jit
+    def hold(key, action, keys):
+        """An episode's steps, in one scan, which takes states of one type alone; and its start."""
+
+        def advance(state, key):
+            step = task.step(state, action, key)
+            return step.state, step
+
+        start = task.reset(key)
+        return jax.lax.scan(advance, start, keys)[1], task.observe(start)
+
+    first, second = jax.random.split(jax.random.key(5))
+    _check_resets(task, first, second)
+    for ending in endings:
+        action = jnp.atleast_1d(jnp.asarray(ending.action, int if task.choices else jnp.float32))
+        given = first, action, jax.random.split(first, ending.steps)
+        steps, start = hold(*given)
+        ended = np.asarray(steps.terminated | steps.truncated)
+        assert ended.tolist() == [False] * (ending.steps - 1) + [True]
+        # One flag alone: a time limit is no end of the task, and the other way round.
+        assert bool(steps.terminated[-1]) is ending.terminated
+        assert bool(steps.truncated[-1]) is not ending.terminated
+        np.testing.assert_allclose(steps.observation[-1], ending.last(np.asarray(start)), rtol=1e-5, atol=1e-6)
+        assert steps.reward.shape == (ending.steps,)
+        assert eqx.tree_equal(steps, hold(*given)[0])
+
+
+def _check_resets(task, first, second):
+    """Resets are a function of the key, one by one and side by side, in the shapes that the task promises."""
+
+    def observe(key):
+        return task.observe(task.reset(key))
+
+    side_by_side = jax.jit(jax.vmap(observe))(jnp.stack([first, second, first]))
+    assert side_by_side.shape == (3, task.observation_size)
+    assert side_by_side.dtype == jnp.float32
+    np.testing.assert_array_equal(side_by_side[0], side_by_side[2])
+    assert not np.array_equal(side_by_side[0], side_by_side[1])
+    np.testing.assert_allclose(jax.jit(observe)(first), side_by_side[0], rtol=1e-5, atol=1e-6)
+
 
 BARE = ("default_params", "action_space", "observation_space", "reset", "step_env", "is_truncated")
 Bare = type("Bare", (), {name: staticmethod(getattr(Corridor(), name)) for name in BARE})

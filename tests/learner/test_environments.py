@@ -1,6 +1,7 @@
 """What the learner is shown of Gymnasium's environments: spaces, autoreset modes, and what is refused."""
 
 import functools
+import itertools
 import time
 
 import gymnasium
@@ -14,11 +15,9 @@ from refusals import refusal
 from swingup.learner.environments import Environments, make_environments
 from swingup.tasks.space_actions import space_actions
 
-from .environments import Chain, Noisy, Stairs
+from .environments import Noisy, Stairs, chains
 
 ZEROS = np.zeros((2, 2), np.float32)
-
-
 Spawned = functools.partial(AsyncVectorEnv, context="spawn")
 """Fresh processes: JAX warns of forks."""
 
@@ -60,7 +59,8 @@ def test_next_step_spends_a_row_on_the_reset(kind):
     assert shown(kind([Stairs] * 2, autoreset_mode=AutoresetMode.NEXT_STEP)) == [0.0, *episode, reset, *episode]
 
 
-def test_actions_are_scaled_to_the_bounds():
+def test_actions_are_those_of_the_space():
+    """Scaled to its bounds, or counted from its start."""
     actions = space_actions(Box(np.array([-2.0, 0.0], np.float32), np.array([2.0, 1.0], np.float32)))
     np.testing.assert_allclose(
         actions(np.array([[-1.0, -1.0], [0.0, 0.0], [1.0, 1.0], [0.5, 0.5]])),
@@ -68,17 +68,11 @@ def test_actions_are_scaled_to_the_bounds():
     )
     assert (actions.size, actions.choices) == (2, ())
     grid = space_actions(Box(-1.0, 1.0, (2, 3), np.float64))
-    assert grid.size == 6
-    assert grid(np.zeros((4, 6))).shape == (4, 2, 3)
-
-
-def test_discrete_actions_count_from_their_start():
-    one = space_actions(Discrete(3, start=5))
+    assert grid(np.zeros((4, grid.size))).shape == (4, 2, 3)
+    one, several = space_actions(Discrete(3, start=5)), space_actions(MultiDiscrete([3, 2], start=[1, 5]))
     np.testing.assert_array_equal(one(np.array([[0], [2]])), [5, 7])
-    assert (one.size, one.choices) == (1, (3,))
-    several = space_actions(MultiDiscrete([3, 2], start=[1, 5]))
     np.testing.assert_array_equal(several(np.array([[0, 1], [2, 0]])), [[1, 6], [3, 5]])
-    assert (several.size, several.choices) == (2, (3, 2))
+    assert (one.size, one.choices, several.size, several.choices) == (1, (3,), 2, (3, 2))
 
 
 def test_observations_are_flat_and_in_single_precision():
@@ -94,17 +88,10 @@ def test_observations_are_flat_and_in_single_precision():
     assert not np.array_equal(environments.reset(8), first)
 
 
-class Odd(Stairs):
-    """An environment with other spaces."""
-
-    def __init__(self, observations=None, actions=None):
-        super().__init__()
-        self.observation_space = observations or self.observation_space
-        self.action_space = actions or self.action_space
-
-
 ONE = Stairs()
 WIDE = [Box(-most, most, (1,)) for most in (np.inf, np.finfo(np.float32).max)]
+MODELESS = chains(2, "cycle")
+MODELESS.metadata = {"autoreset_mode": None}
 UNTRAINABLE = {
     "use a Gymnasium id": ["NoSuchTask-v0", 3],
     "num_envs = 2, but env holds": [ONE, TimeLimit(ONE, 9), [Stairs] * 3],
@@ -118,13 +105,13 @@ UNTRAINABLE = {
     ],
     "returned the same environment again": [lambda: ONE],
     "must make a gymnasium.Env": [lambda: 3],
-    "are not a Box": [functools.partial(Odd, Dict({"a": Discrete(2)}))],
-    "are empty": [functools.partial(Odd, Box(-1, 1, (0,))), functools.partial(Odd, None, Box(-1, 1, (0,)))],
-    "are images": [functools.partial(Odd, Box(0, 255, (8, 8, 3), np.uint8))],
-    "have no bounds to scale to": [functools.partial(Odd, None, box) for box in WIDE],
-    "are whole numbers in a Box": [functools.partial(Odd, None, Box(0, 9, (1,), np.int64))],
-    "use a bounded Box, Discrete or": [functools.partial(Odd, None, MultiBinary(3))],
-    "autoreset_mode = None": [Chain(2, "cycle", None)],
+    "are not a Box": [functools.partial(Stairs, observations=Dict({"a": Discrete(2)}))],
+    "are empty": [functools.partial(Stairs, **{name: Box(-1, 1, (0,))}) for name in ("observations", "actions")],
+    "are images": [functools.partial(Stairs, observations=Box(0, 255, (8, 8, 3), np.uint8))],
+    "have no bounds to scale to": [functools.partial(Stairs, actions=box) for box in WIDE],
+    "are whole numbers in a Box": [functools.partial(Stairs, actions=Box(0, 9, (1,), np.int64))],
+    "use a bounded Box, Discrete or": [functools.partial(Stairs, actions=MultiBinary(3))],
+    "autoreset_mode = None": [MODELESS],
 }  # fmt: skip
 
 
@@ -167,54 +154,55 @@ def begin_and_step(environments, actions, steps=1):
         environments.step(actions)
 
 
-class Foreign(VectorEnv):
-    """Shows 0, pays 0 and never ends, but for what it is made to return."""
+def spoilt(env, method, changed, after=0):
+    """An environment of whose method the answers are changed after some calls."""
+    original, calls = getattr(env, method), itertools.count()
 
-    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012 - as Gymnasium has it
+    def answer(*given, **options):
+        right = original(*given, **options)
+        return right if next(calls) < after else changed(*right)
 
-    def __init__(self, **returned):
-        self.num_envs = ENVS
-        self.single_observation_space = Box(-1, 1, (3,), np.float32)
-        self.single_action_space = Box(-1, 1, (1,), np.float32)
-        self.returned = returned
-
-    def reset(self, *, seed=None, options=None):
-        return self.returned.get("reset", (self.returned.get("start", np.zeros((ENVS, 3))), {}))
-
-    def step(self, actions):
-        names = ("observations", "rewards", "terminated", "truncated", "infos")
-        usual = (np.zeros((ENVS, 3), np.float32), np.zeros(ENVS), np.zeros(ENVS, bool), np.zeros(ENVS, bool), {})
-        parts = dict(zip(names, usual, strict=True)) | self.returned
-        return self.returned.get("step", tuple(parts[name] for name in names))
+    setattr(env, method, answer)
+    return env
 
 
 WRONG = {
-    "observations": [
-        {"start": np.zeros((2, 3))}, {"start": np.full((ENVS, 3), np.nan)}, {"reset": np.zeros((ENVS, 3))},
-        {"observations": np.array([["a"] * 3] * ENVS)}, {"observations": [[0, 1], [2]]},
-    ],
-    "rewards": [{"rewards": 0.0}, {"rewards": np.array([0, 0, np.inf, 0])}, {"step": (0, 0, 0, {})}],
-    "terminated": [{"terminated": np.full(ENVS, np.nan)}],  # any number that is not 0 would count as an end
-    "truncated": [{"truncated": "no"}],
-    "final_obs": [{"terminated": ENDED}, {"terminated": ENDED, "infos": {"final_obs": [np.zeros(7)] * ENVS}}],
+    "observations": {
+        "reset": [lambda o, i: (o[:2], i), lambda o, i: (o * np.nan, i), lambda o, i: o],
+        "step": [lambda o, *rest: (o.astype(str), *rest), lambda o, *rest: ([[0, 1], [2]], *rest)],
+    },
+    "rewards": {"step": [
+        lambda o, r, *rest: (o, 0.0, *rest), lambda o, r, *rest: (o, np.array([0, 0, np.inf, 0]), *rest),
+        lambda o, r, e, t, i: (o, r, e, i),
+    ]},
+    # Any number that is not 0 would count as an end.
+    "terminated": {"step": [lambda o, r, e, t, i: (o, r, e * np.nan, t, i)]},
+    "truncated": {"step": [lambda o, r, e, t, i: (o, r, e, "no", i)]},
+    "final_obs": {"step": [
+        lambda o, r, e, t, i: (o, r, ENDED, t, {}),
+        lambda o, r, e, t, i: (o, r, ENDED, t, {"final_obs": [np.zeros(7)] * ENVS}),
+    ]},
 }  # fmt: skip
+"""Changes of what a method of a vector environment returns, by what is named."""
 
 
-def test_what_no_environment_should_return():
-    for named, cases in WRONG.items():
-        for returned in cases:
-            environments = Environments(Foreign(**returned))
-            text = refusal(begin_and_step, environments, np.zeros((ENVS, 1), np.float32))
-            assert "Foreign" in text
+@pytest.mark.parametrize("named", WRONG)
+def test_what_no_vector_environment_should_return(named):
+    for method, cases in WRONG[named].items():
+        for changed in cases:
+            environments = Environments(spoilt(chains(ENVS, "cycle"), method, changed))
+            text = refusal(begin_and_step, environments, np.zeros((ENVS, 1), int))
+            assert "SyncVectorEnv" in text
             assert named in text
             assert len(text) < 400
 
 
 def test_lists_are_as_good_as_arrays_and_buffers_are_copied():
-    buffer = np.zeros((ENVS, 3), np.float32)
-    environments = Environments(Foreign(start=buffer, observations=buffer, rewards=[1, 2, 3, 4]))
+    buffer = np.zeros((ENVS, 1), np.float32)
+    env = spoilt(chains(ENVS, "cycle"), "reset", lambda o, i: (buffer, i))
+    environments = Environments(spoilt(env, "step", lambda o, r, *rest: (buffer, [1, 2, 3, 4], *rest)))
     first = environments.reset(0)
-    step = environments.step(np.zeros((ENVS, 1), np.float32))
+    step = environments.step(np.zeros((ENVS, 1), int))
     buffer += 1
     assert not first.any()
     assert not step.following.any()
@@ -222,22 +210,8 @@ def test_lists_are_as_good_as_arrays_and_buffers_are_copied():
     assert (step.rewards.dtype, step.true_next.dtype) == (np.float32, np.float32)
 
 
-class Returning(Stairs):
-    """Returns other things than Gymnasium's interface has: ``changed`` is a function of what is right."""
-
-    def __init__(self, method, changed):
-        super().__init__()
-        self.method, self.changed, self.resets = method, changed, 0
-
-    def reset(self, *, seed=None, options=None):
-        answer = super().reset(seed=seed)
-        self.resets += 1
-        change = self.method == "reset" or (self.method == "late" and self.resets > 1)
-        return self.changed(*answer) if change else answer
-
-    def step(self, action):
-        answer = super().step(action)
-        return self.changed(*answer) if self.method == "step" else answer
+def spoilt_stairs(*given):
+    return spoilt(Stairs(), *given)
 
 
 def exits(*_):
@@ -259,11 +233,11 @@ FAULTS = {
 @pytest.mark.parametrize("method", FAULTS)
 def test_environments_that_fail(method):
     for changed in FAULTS[method]:
-        make = functools.partial(Returning, method, changed)
+        given = ("reset", changed, 1) if method == "late" else (method, changed)
+        make = functools.partial(spoilt_stairs, *given)
         for env in (make, SyncVectorEnv([make] * 2, autoreset_mode=AutoresetMode.SAME_STEP)):
-            environments = make_environments(env, 2)
-            told = refusal(begin_and_step, environments, ZEROS, steps=4)
-            assert "Returning" in told or "SyncVectorEnv" in told
+            told = refusal(begin_and_step, make_environments(env, 2), ZEROS, steps=4)
+            assert "stairs" in told.lower() or "SyncVectorEnv" in told
 
 
 class Hanging(Stairs):

@@ -26,8 +26,7 @@ from swingup.common.errors import SwingupError
 from swingup.learner.run_folder import RunFolder
 from swingup.learner.start import resume_run, start_run
 
-from .brief import briefly_judged
-from .test_run import FRAMES, SETTINGS, assert_same_files, measured, run
+from .test_run import FRAMES, SETTINGS, assert_same_files, briefly_judged, measured, run
 
 TINY = shlex.split(
     "--num-envs 4 --num-steps 16 --batch-size 64 --num-epochs 1 --policy-layers 8 8 --value-layers 8 8 "
@@ -123,14 +122,9 @@ def test_killed_processes_resume_to_the_same_bits(tmp_path, task):
 
 
 @pytest.mark.slow
-def test_two_processes_do_not_train_in_one_folder(folder):
-    with (folder / ".lock").open("ab") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)  # as another process would hold it
-        resumed = resume_run(folder, 4 * FRAMES)
-        assert f"another process trains in {folder}" in refusal(list, resumed.advance())
+def test_who_read_a_checkpoint_before_another_process_trained_does_not_undo_its_work(folder):
     late = resume_run(folder, 4 * FRAMES)
     list(resume_run(folder, 4 * FRAMES).advance())
-    # Who read the checkpoint before the other one trained does not undo its work.
     assert "has moved on to 256 frames" in refusal(list, late.advance())
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from areapo.test_probes import softmax_policy, values
+from areapo.test_probes import SMALL, softmax_policy, values
 from swingup.areapo.config import Config
 from swingup.areapo.initial import begin_episodes, init_learner
 from swingup.learner import host_collection as host
@@ -14,20 +14,16 @@ from swingup.learner.environments import make_environments
 from swingup.learner.host_backend import HostBackend
 from swingup.learner.host_collection import collect_on_host
 
-from .environments import Chain, Stairs
-
-SMALL = Config(
-    num_envs=16, num_steps=32, num_epochs=4, batch_size=128, policy_layers=(32, 32), value_layers=(32, 32),
-    clip_range=0.2, learning_rate=2e-3, gain_step_size=0.05, centre_values=True,
-)  # fmt: skip
+from .environments import Stairs, chains
 
 
 def learn(mode, temperature):
     """Train on a cycle, at a high learning rate, then at a low one to settle; the metrics are the last part's."""
     # Many environments and few steps: the host pays by the step.
-    config = Config(**(vars(SMALL) | {"num_envs": 64, "num_steps": 8, "temperature": temperature}))
+    sizes = {"num_envs": 64, "num_steps": 8, "temperature": temperature, "gain": Config().gain}
+    config = Config(**(vars(SMALL) | sizes | {"gain_step_size": 0.05}))
     fine = Config(**(vars(config) | {"learning_rate": config.learning_rate / 10, "gain_step_size": 0.01}))
-    env = Chain(config.num_envs, "cycle", mode)
+    env = chains(config.num_envs, "cycle", mode)
     first, second = (HostBackend(env, "cycle", c, [0], 0) for c in (config, fine))
     state = first.begin(first.init(), 0)
     state, _ = first.train(state, 120)
