@@ -25,24 +25,15 @@ KEYS = [
 CONTROLLERS = """
 import time
 
-import numpy as np
-
-
-class Plain:
-    def get_control_output(self, x, t):
-        return [0.0, -0.1 * x[3]]
-
-
-plain = Plain()
-
+def plain(x, t):
+    return [0.0, -0.1 * x[3]]
 
 def slow(x, t):
     time.sleep(0.003)
     return [0.0, 0.0]
 
-
 def nan(x, t):
-    return [0.0, np.nan]
+    return [0.0, float("nan")]
 """
 PLAIN, NAN = "evaluate acrobot --controller mine:plain", "mine:nan"
 
@@ -96,15 +87,11 @@ def test_check_names_faults_and_slowness(run):
 
 
 @pytest.mark.parametrize(
-    ("flag", "judged"),
-    [
-        pytest.param("", True, marks=pytest.mark.slow),
-        pytest.param("--estimator", True, marks=pytest.mark.slow),
-        ("--no-estimator", False),
-    ],
+    "flag", ["--no-estimator", *(pytest.param(each, marks=pytest.mark.slow) for each in ("", "--estimator"))]
 )
-def test_with_and_without_an_estimator(run, run_json, tmp_path, flag, judged):
+def test_with_and_without_an_estimator(run, run_json, tmp_path, flag):
     """A file of the pendubot's policy that asks for an estimator."""
+    judged = flag != "--no-estimator"
     policy, metadata = lone_policy("ar-eapo", "pendubot")
     save_controller(tmp_path / "meant.safetensors", policy, {"scores": metadata["scores"], "estimator": {}})
     words = f"evaluate pendubot --controller meant.safetensors {flag}"
