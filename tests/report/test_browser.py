@@ -74,10 +74,7 @@ def wait_until(condition, seconds=10.0):
         time.sleep(0.02)
 
 
-def test_tables_and_plots_are_rendered(page, sections):
-    # Two boards and two robots; published rows and two of ours.
-    assert [page.locator(each).count() for each in ("table", "tr.ours")] == [4, 8]
-    assert page.locator("tr.published").count() > 20
+def test_plots_are_rendered_and_bars_are_the_percentages(page, sections):
     names = page.locator("[data-plot]").evaluate_all("(all) => all.map((plot) => plot.dataset.plot)")
     assert names == 2 * ["robustness", "series", "phases"]
     bars = page.locator("#acrobot [data-plot=robustness] g[data-name='ar-eapo'] rect")

@@ -25,10 +25,6 @@ def html(sections):
     return render_page(sections[:1], title="Tables & <plots>")
 
 
-def floats(text):
-    return np.frombuffer(base64.b64decode(text), "<f4")
-
-
 def test_the_page_stands_alone_and_is_small(html):
     assert len(html.encode()) < 1e6
     assert "@import" not in html
@@ -63,18 +59,6 @@ def test_tables_show_the_boards_rows_in_order(html):
         assert f"{board.rows[0].values[board.columns[-1]]:.3f}" in table
 
 
-def test_data_are_the_trajectories_in_single_precision(sections, html):
-    _, data = parts_of(html)
-    arrays, (section,) = data["arrays"], data["sections"]
-    assert (section["driven"], section["parameters"]["tl2"]) == (1, 6.0)
-    for run, rows in sections[0].shows[0].runs.items():
-        encoded = section["shows"][0]["runs"][run]
-        assert len(rows.time) == 1000  # 10 s at 100 Hz
-        np.testing.assert_array_equal(floats(arrays[encoded["time"]]), np.float32(rows.time))
-        for places, table in ((encoded["x"], rows.x), (encoded["u"], rows.u)):
-            np.testing.assert_array_equal(np.transpose([floats(arrays[k]) for k in places]), np.float32(table))
-
-
 def test_rows_from_the_first_that_is_not_finite_on_are_cut():
     for row, value in ((7, np.nan), (7, np.inf), (7, 1e300), (0, np.nan)):
         trajectory = Trajectory(0.01 * np.arange(20), np.zeros((20, 4)), np.zeros((20, 2)))
@@ -83,7 +67,8 @@ def test_rows_from_the_first_that_is_not_finite_on_are_cut():
         html = render_page([Section("acrobot", LEADERBOARD.driven(ACROBOT), [], shows, "Nothing.")])
         _, data = parts_of(html)
         shown = [show["runs"] for show in data["sections"][0]["shows"]]
-        assert [len(floats(data["arrays"][runs["undisturbed"]["time"]])) for runs in shown] == [7] * (row > 0)
+        lengths = [len(base64.b64decode(data["arrays"][runs["undisturbed"]["time"]])) // 4 for runs in shown]
+        assert lengths == [7] * (row > 0)
         assert not any("disturbed" in runs for runs in shown)
         assert "It went wild." in html
 
