@@ -82,12 +82,28 @@ def closed_loop(p, driven, control, x, dt, world):
     return np.array(rows)
 
 
+class Throw:
+    """The PID of throws: the first two errors have no derivative yet, and all count in the integral."""
+
+    def __init__(self, p, kp, ki, kd, limit=math.inf):
+        self.p, self.gains, self.limit, self.errors = p, (kp, ki, kd), limit, []
+
+    def __call__(self, goal, x):
+        """The torques (N m), which gravity compensation may take beyond the limits."""
+        (kp, ki, kd), errors = self.gains, self.errors
+        errors.append(goal - x[:2])
+        u = np.clip(kp * errors[-1], -self.limit, self.limit) + ki * 0.001 * sum(errors)
+        if len(errors) > 2:
+            u = u + kd * (errors[-1] - errors[-2]) / 0.001
+        return np.clip(u, -6.0, 6.0) - gravity(self.p, x)
+
+
 class ResetText:
     """The resets of ICRA 2025's robot, sentence by sentence: a list of times in which violations insert theirs."""
 
     def __init__(self, times, goals, model, limits, duration=1.0):
-        self.times, self.goals, self.model, self.limits = [*times, math.inf], goals, model, limits
-        self.duration, self.errors, self.violations = duration, [], []
+        self.times, self.goals, self.limits = [*times, math.inf], goals, limits
+        self.duration, self.violations, self.pid = duration, [], Throw(model, 2.0, 0.0, 0.3, limit=3.0)
         self.number, self.running, self.clock, self.last = 0, False, 0.0, 0.0
 
     def __call__(self, t, x):
@@ -107,7 +123,7 @@ class ResetText:
             self.running = False
         u = None
         if self.running:
-            u = self.pid(x)
+            u = self.pid(self.goal, x)
             self.clock += t - self.last
         self.last = t
         return u
@@ -115,13 +131,3 @@ class ResetText:
     def start(self):
         self.goal, self.running, self.clock = self.goals[self.number], True, 0.0
         self.number += 1
-
-    def pid(self, x):
-        self.errors.append((self.goal[0] - x[0], self.goal[1] - x[1]))
-        u = []
-        for joint in range(2):
-            part = min(max(2.0 * self.errors[-1][joint], -3.0), 3.0)
-            if len(self.errors) > 2:
-                part += 0.3 * (self.errors[-1][joint] - self.errors[-2][joint]) / 0.001
-            u.append(min(max(part, -6.0), 6.0) - gravity(self.model, x)[joint])
-        return np.array(u)

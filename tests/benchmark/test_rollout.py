@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 from jaxtyping import Array
 
+from swingup.benchmark.disturbances import draw_pushes
 from swingup.benchmark.judge import judge
 from swingup.benchmark.rollout import Scenario, simulate
+from swingup.benchmark.rules import PushRules
 from swingup.benchmark.runner import run_one
 from swingup.controllers.interface.controller import AbstractController
 from swingup.controllers.interface.python_controller import PythonController
 from swingup.dynamics.integrate import rk4_steps
-from swingup.loop.disturbance import Pushes, step_noise, undisturbed
+from swingup.loop.disturbance import step_noise, undisturbed
 from swingup.loop.domain import make_domain
 from swingup.loop.draw import draw
 from swingup.plant.plant import LEADERBOARD
@@ -55,11 +57,7 @@ def feedback():
 
 
 # Three pushes a joint, within the 0.8 s of the run; the motor alone is limited, so that they may exceed 6 N m.
-PUSHES = Pushes(
-    np.array([[0.1, 0.3, 0.6], [0.15, 0.4, 0.7]]),
-    np.array([[0.05, 0.06, 0.1], [0.07, 0.05, 0.08]]),
-    np.array([[5.0, -3.0, 4.5], [-5.0, 2.0, 4.0]]),
-)
+PUSHES = draw_pushes(np.random.default_rng(0), PushRules(apart=0.1), DT * STEPS)
 
 
 @pytest.mark.usefixtures("x64")
