@@ -42,19 +42,6 @@ def drawn_plant(seed):
     return dataclasses.replace(plant, **{name: getattr(plant, name) * by for name, by in factors.items()})
 
 
-def test_on_c1_the_plant_and_its_settings_are_c1s(robot):
-    plant = LEADERBOARD.driven(robot)
-    assert similar_plant(plant, scales_of(plant)) == plant
-    published, optimal = PUBLISHED_SETTINGS[robot.name], OPTIMAL_SETTINGS[robot.name]
-    found = published_for(published, 1.0)
-    steps = dataclasses.replace(found.swingup, search=None, settings=published.swingup.settings)
-    assert dataclasses.replace(found, swingup=steps) == published
-    found = optimal_for(optimal, 1.0)
-    assert (found.swingup.dt, found.swingup.steps) == (0.002, 5 * found.swingup.search.steps)
-    search = dataclasses.replace(found.swingup.search, durations=(1.0,))
-    assert dataclasses.replace(found, swingup=dataclasses.replace(found.swingup, search=search)) == optimal
-
-
 def test_a_step_keeps_its_real_length(robot):
     found = published_for(PUBLISHED_SETTINGS[robot.name], 0.5)
     assert (found.swingup.dt, found.swingup.steps) == (0.002, 3000)
@@ -67,8 +54,10 @@ def test_a_step_keeps_its_real_length(robot):
 
 @pytest.mark.parametrize("seed", range(2))
 def test_a_plant_moves_as_the_similar_one(x64, robot, seed):
+    drawn, random = drawn_plant(seed), np.random.default_rng(seed)
+    plant = design_model(drawn, robot)
     # Coulomb friction has a velocity of its own, and is in no model.
-    plant, random = design_model(drawn_plant(seed), robot), np.random.default_rng(seed)
+    assert (plant.cf1, plant.cf2, plant.b1, plant.Ir) == (0.0, 0.0, drawn.b1, drawn.Ir)
     scales = scales_of(plant)
     rates = np.array([1.0, 1.0, scales.time, scales.time])
     similar = similar_plant(plant, scales)
@@ -78,14 +67,11 @@ def test_a_plant_moves_as_the_similar_one(x64, robot, seed):
     np.testing.assert_allclose(acceleration(plant, x, u), expected, rtol=1e-9)
 
 
-def test_a_plant_like_the_leaderboards_has_the_shipped_design(robot):
-    assert design_of(robot, load_plant("C.1").frictionless()).shipped
-    assert not design_of(robot, "C.1").shipped
-
-
 def test_plants_that_move_alike_have_the_same_controller(robot, similar, x64):
     """T × 0.5 and torques × 0.025: the shipped one's torque, in the plant's own units."""
     plant = LEADERBOARD.driven(robot)
+    assert design_of(robot, load_plant("C.1").frictionless()).shipped
+    assert not design_of(robot, "C.1").shipped
     published, own = (baseline("lqr", robot, each) for each in (LEADERBOARD, similar(plant)))
     for error in np.random.default_rng(0).normal(size=(5, 4)) * 0.01:
         x = UPRIGHT + error
@@ -104,13 +90,6 @@ def test_a_swing_up_is_saved_in_real_units(x64, robot, similar):
     np.testing.assert_allclose(own.states[1:], following, atol=1e-9)
     # A feedback of q1 by 1 rad is as large a share of the limit; one of dq1 by 1 rad/s is half of that.
     np.testing.assert_allclose(own.gains, shipped.gains * [0.025, 0.025, 0.0125, 0.0125], rtol=1e-8)
-
-
-def test_coulomb_friction_stays_out_of_the_model(robot):
-    real = load_plant("C.1").driven(robot)
-    model = design_model("C.1", robot)
-    assert (model.cf1, model.cf2) == (0.0, 0.0)
-    assert (model.b1, model.Ir) == (real.b1, real.Ir)
 
 
 def test_a_search_gets_longer_until_it_comes_up(monkeypatch, x64):
