@@ -88,9 +88,6 @@ def test_never_switches_back_and_a_sparing_controller_learns_that_it_is_idle(x64
     assert memory.first == 2
 
 
-RANDOM = np.random.default_rng(0)
-
-
 @pytest.fixture(scope="module")
 def mpc():
     """The shipped one, but along the trajectory itself, not its fit with jumps."""
@@ -112,35 +109,18 @@ def answer(mpc):
     return call
 
 
-def lanes(mpc, row, errors):
-    return np.tile(mpc.torque[row : row + 99], (len(errors), 1)), mpc.states[row] + errors
-
-
 def test_on_the_trajectory_it_returns_about_its_torque(mpc, answer):
     # At row 1800 it is fast, and hurries: the published goal is where the trajectory is a step after the horizon.
     for row, tolerance in ((0, 0.02), (700, 0.02), (1800, 0.25)):
-        guess, states = lanes(mpc, row, np.zeros((3, 4)))
-        plans, u = answer(guess, 0.002 * row, states, [False] * 3)
+        guess, states = np.tile(mpc.torque[row : row + 99], (3, 1)), np.tile(mpc.states[row], (3, 1))
+        plans, u = answer(guess, 0.002 * row, states, [False, True, False])
         np.testing.assert_allclose(u[:, 1], mpc.torque[row], atol=tolerance)
         np.testing.assert_array_equal(u[:, 0], 0.0)
-        # The rest of the plan, then the trajectory's torque a horizon on.
+        # The rest of the plan, then the trajectory's torque a horizon on; the idle do not plan.
         assert plans.shape == (3, 99)
         np.testing.assert_array_equal(plans[:, -1], mpc.torque[row + 99])
-
-
-@pytest.mark.slow
-def test_a_batch_equals_single_calls_and_the_idle_do_not_plan(mpc, answer):
-    errors = RANDOM.normal(size=(3, 4)) * [0.05, 0.05, 0.3, 0.3]
-    guess, states = lanes(mpc, 700, errors)
-    plans, u = answer(guess, 1.4, states, [False, True, False])
-    with jax.enable_x64(True):
-        single = jax.jit(lambda *inputs: mpc.control(*inputs))
-        for lane in (0, 2):
-            plan, torque = single(jnp.asarray(guess[lane]), 1.4, jnp.asarray(states[lane]), jnp.array(False))
-            np.testing.assert_allclose(plans[lane], plan, atol=1e-6)
-            np.testing.assert_allclose(u[lane], torque, atol=1e-6)
-    np.testing.assert_array_equal(plans[1, :-1], guess[1, 1:])
-    assert np.abs(plans[0, :-1] - guess[0, 1:]).max() > 1e-2
+        np.testing.assert_array_equal(plans[1, :-1], guess[1, 1:])
+        assert (plans[::2, :-1] != guess[::2, 1:]).any(axis=1).all()
 
 
 def test_after_the_trajectory_it_stays_upright(mpc, answer):

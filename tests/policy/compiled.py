@@ -102,13 +102,11 @@ def torques(library, states):
     return u
 
 
-def run(library, times, states, given=None):
-    """The controller's torques (n, 2) from its reset on; its motors may be given others, within their limits."""
-    return watch(library, times, states, given)[0]
-
-
 def watch(library, times, states, given=None):
-    """The same, its guard's reasons (n,), [joint, time, value] and the sentence."""
+    """From a reset on: torques (n, 2), the guard's reasons (n,), its [joint, time, value] and its sentence.
+
+    The motors may be given other torques.
+    """
     u, reasons, fault = np.empty((len(states), 2)), np.zeros(len(states), np.int32), np.empty(3)
     library.watch.restype = ctypes.c_char_p
     others = None if given is None else pointer(given)

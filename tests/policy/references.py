@@ -243,22 +243,16 @@ def silent(name, states):
     return broken & (1.01 * DT * gaps > 0.05)
 
 
-CHUNK = 100
+LONGEST = 1200
 """Calls that are compiled together, so that one program serves recordings of any length."""
 
 
 def replay(found, times, states, given=None):
     """A JAX controller's torques (n, 2) from its start on; its motors may be given others (n, 2)."""
-    torques, rows = [], -(-len(times) // CHUNK) * CHUNK
     columns = (times, states) if given is None else (times, states, given)
-    padded = [np.resize(column, (rows, *column.shape[1:])) for column in columns]
+    padded = [np.resize(column, (LONGEST, *column.shape[1:])) for column in columns]
     with jax.enable_x64(True):
-        memory = found.init()
-        for start in range(0, rows, CHUNK):
-            chunk = (jnp.asarray(column[start : start + CHUNK]) for column in padded)
-            memory, u = _chunk(found, memory, *chunk)
-            torques.append(np.asarray(u))
-    return np.concatenate(torques)[: len(times)]
+        return np.asarray(_replayed(found, *map(jnp.asarray, padded)))[: len(times)]
 
 
 def within(name, torques):
@@ -270,12 +264,12 @@ def within(name, torques):
 
 
 @eqx.filter_jit
-def _chunk(found, memory, *columns):
+def _replayed(found, *columns):
     def step(memory, now):
         memory, u = found(memory, *now[:2])
         return memory if len(now) == 2 else _given(memory, now[2], found.robot.joint), u
 
-    return jax.lax.scan(step, memory, columns)
+    return jax.lax.scan(step, found.init(), columns)[1]
 
 
 def _given(memory, u, joint):

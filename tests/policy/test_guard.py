@@ -101,28 +101,15 @@ BRAKING = {"torque_rate": 400.0, "braking": 0.3, "longest_gap": 0.021}
 """Settings with which all of the guard has an effect."""
 
 
-@pytest.fixture(scope="module")
-def in_c(tmp_path_factory):
-    """Guarded controllers in C by policy, each compiled once."""
-    kept = {}
-
-    def make(name):
-        if name not in kept:
-            text = c_header(guarded(name, **BRAKING))
-            kept[name] = compiled.compile_header(tmp_path_factory.mktemp("c"), text)
-        return kept[name]
-
-    return make
-
-
 @compiled.needs_gcc
 @pytest.mark.parametrize("name", ["pendubot-ar-eapo", pytest.param("acrobot-global", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("fault", FAULTS)
-def test_c_does_the_same(in_c, name, fault):
+def test_c_does_the_same(tmp_path, name, fault):
     times, states = calm(*FAULTS[fault][0])
     controller = numpy_controller(guarded(name, **BRAKING))
     torques, stop = run(controller, times, states)
-    found, reasons, last, said = compiled.watch(in_c(name), times, states)
+    library = compiled.compile_header(tmp_path, c_header(guarded(name, **BRAKING)))
+    found, reasons, last, said = compiled.watch(library, times, states)
     np.testing.assert_allclose(found, torques, rtol=0, atol=1e-9)
     expected = np.zeros(STEPS, int)
     if stop is not None:

@@ -5,7 +5,6 @@ calls, no exact zeros and no periods or limits of a board decide. What they scor
 """
 
 import dataclasses
-import math
 
 import numpy as np
 import pytest
@@ -13,7 +12,8 @@ import pytest
 import swingup
 from swingup.benchmark.boards import PERFORMANCE
 from swingup.controllers.registry import get_controller
-from swingup.plant.equations import friction
+from swingup.plant.maths import NUMPY
+from swingup.policy.estimator.core import compensation
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.shipped import ADAPTIVE, AR_EAPO
@@ -87,13 +87,11 @@ def test_torques_follow_from_estimate_plant_and_memory(name):
 
 def watched(found):
     """The list that gets the controller's estimates, plants θ and torques against friction and load from now on."""
-    shown, torque, inner = [], found.inner._torque, found.inner
+    shown, inner = [], found.inner
+    torque = inner._torque
 
     def watching(estimate):
-        carried = inner.found.commanded_load
-        loads = (0.0, 0.0) if carried is None else carried.at(*estimate[:2])
-        each = zip(*inner.found.commanded_friction, estimate[2:], loads, strict=True)
-        against = [friction(b, cf, rate, math.atan) + load for b, cf, rate, load in each]
+        against = compensation(NUMPY, inner.loop, inner.found, estimate)
         shown.append((estimate.copy(), list(inner.found.residual_base), against))
         return torque(estimate)
 
