@@ -1,5 +1,6 @@
 """The scripts in benchmarks/: tables and pictures from stored or made runs, plants, variants and closed forms."""
 
+import importlib
 import json
 import runpy
 import sys
@@ -29,25 +30,29 @@ pytestmark = pytest.mark.skipif(not BENCHMARKS.is_dir(), reason="the scripts are
 
 
 @pytest.fixture
-def run(monkeypatch, capsys):
-    """Runs a script with options; gives the cells of the table's lines, and the figures, which are not written."""
+def script(monkeypatch):
+    """Imports a script by its name for one test."""
     monkeypatch.syspath_prepend(BENCHMARKS)
-    import study
+    yield importlib.import_module
+    for path in BENCHMARKS.glob("*.py"):
+        sys.modules.pop(path.stem, None)
 
+
+@pytest.fixture
+def run(script, monkeypatch, capsys):
+    """Runs a script with options; gives the cells of the table's lines, and the figures, which are not written."""
     figures = []
     monkeypatch.setattr(draw, "render", lambda figure, suffix: figures.append(figure) or b"")
-    monkeypatch.setattr(study, "write_atomically", lambda path, content: None)
+    monkeypatch.setattr(script("study"), "write_atomically", lambda path, content: None)
 
     def start(name, *options):
         figures.clear()
         monkeypatch.setattr(sys, "argv", [name, *map(str, options)])
-        __import__(name).main()
+        script(name).main()
         lines = capsys.readouterr().out.splitlines()
         return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines], list(figures)
 
-    yield start
-    for name in ("study", "ablations", "mujoco_learning", "continuing", "paper_runs", "acrobot_swingup"):
-        sys.modules.pop(name, None)
+    return start
 
 
 @pytest.fixture
@@ -83,16 +88,15 @@ def test_improvement_over_tasks_of_unequal_runs(mujoco):
     assert mujoco({("A-v1", "areapo"): [5.0, 6.0]})[0][-1][0].endswith("improves on sb3-ppo: not run")
 
 
-def test_pictures_and_verdicts_of_the_stored_runs(run):
+def test_pictures_and_verdicts_of_the_stored_runs(run, script):
     study = BENCHMARKS / "runs" / "ablations.jsonl"
     found, (figure,) = run("ablations", "--seeds", "0", "--study", study, "--plot", "picture.svg")
     assert {row[0]: row[-1] for row in found if row[0].endswith("decides")} == {
         "entropy decides": "holds", "average reward decides": "holds"
     }  # fmt: skip
     assert [axes.get_xlabel() for axes in figure.axes] == 6 * ["frames (millions)"]
-    from study import verdict
-
     # Two runs each, 1 apart, with variances of 0.02: 4.303 · √(0.02 / 2 + 0.02 / 2), by Student's t of 2 degrees.
+    verdict = script("study").verdict
     assert verdict([1.0, 1.2], [0.0, 0.2], 0.1) == "1.000 (0.392 to 1.608) | holds"
     words = [
         verdict([0.0, 0.2], *rest).split("| ")[1] for rest in (([1.0, 1.2], 0.1), ([0.0, 0.2], 1.0), ([0, 0], 0.1))
@@ -156,56 +160,46 @@ def test_within_the_range_the_largest_torque_turns_the_slowest_mode_back(robot):
         assert (abs(w @ end[:4]) < share * most) == returns
 
 
-def test_a_policy_file_of_dm_controls_acrobot_earns_in_mujoco_what_it_earns_in_the_task(run, tmp_path, monkeypatch):
+def test_a_policy_file_of_dm_controls_acrobot_earns_in_mujoco_what_it_earns_in_the_task(
+    script, tmp_path, monkeypatch
+):
     pytest.importorskip("mujoco")
-    import acrobot_swingup as script
-
-    monkeypatch.setattr(script, "EPISODES", 2)
-    monkeypatch.setattr(script, "STEPS", 20)
-    monkeypatch.setattr(
-        "swingup.tasks.acrobot_swingup.winnable_starts", lambda *_, **__: jnp.zeros((2, 4))
-    )  # unused
-    model = AREAPO(script.ID, num_envs=2, num_steps=4, batch_size=8, evaluation_episodes=1)
+    module, zeros = script("acrobot_swingup"), lambda *_, **__: jnp.zeros((2, 4))
+    monkeypatch.setattr(module, "EPISODES", 2)
+    monkeypatch.setattr(module, "STEPS", 20)
+    monkeypatch.setattr("swingup.tasks.acrobot_swingup.winnable_starts", zeros)  # unused
+    model = AREAPO(module.ID, num_envs=2, num_steps=4, batch_size=8, evaluation_episodes=1)
     model.export_policy(tmp_path / "policy.safetensors")
-    found = script.judge(tmp_path / "policy.safetensors", 7)
-    random, returns, task = np.random.default_rng([7, 1]), [], AcrobotSwingup()
+    found = module.judge(tmp_path / "policy.safetensors", 7)
+    assert model.settings.preset == "acrobot"
+    random, task = np.random.default_rng([7, 1]), AcrobotSwingup()
     step, observe = jax.jit(task.step), jax.jit(task.observe)
-    for _ in range(2):
+    for expected in found:
         angles = random.uniform(-np.pi, np.pi, 2)
         state, total = PendulumState(jnp.array([angles[0] + np.pi, angles[1], 0.0, 0.0]), jnp.array(0)), 0.0
         for _ in range(20):
             taken = step(state, model.predict(magnified(np.asarray(observe(state)))), jax.random.key(0))
             state, total = taken.state, total + float(taken.reward)
-        returns.append(total)
-    np.testing.assert_allclose(found, returns, rtol=1e-3)
-    assert model.settings.preset == "acrobot"
+        assert total == pytest.approx(expected, rel=1e-3)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("preset", ["mujoco", "ppo"])
-def test_constants_and_units_of_rewards_and_observations_do_not_matter(preset, monkeypatch):
+def test_constants_and_units_of_rewards_and_observations_do_not_matter(preset, script):
     """Pendulum-v1 itself pays about -1,200 before it is learned, and -150 at its best."""
-    monkeypatch.syspath_prepend(BENCHMARKS)
-    import constants
-
+    constants = script("constants")
     learn = constants.learner(preset, 1, 300_000)
     returns = {str(change): learn(constants.Pendulum(**change)).item() for change in constants.CHANGES}
     assert min(returns.values()) > -300, returns
 
 
-@pytest.fixture
-def scripts(monkeypatch):
-    """The scripts' modules by what follows `adaptive` in their names."""
-    monkeypatch.syspath_prepend(BENCHMARKS)
-    parts = ("plants", "errors", "boards", "failing", "seeds")
-    names = ("adaptive", *(f"adaptive_{part}" for part in parts), "upper_bound")
-    yield {name.removeprefix("adaptive_"): __import__(name) for name in names}
-    for name in names:
-        sys.modules.pop(name, None)
+def test_scripts_about_adaptive_policies_can_be_imported(script):
+    for path in (*BENCHMARKS.glob("adaptive*.py"), BENCHMARKS / "upper_bound.py"):
+        assert script(path.stem).__doc__
 
 
-def test_joint_draws_are_off_in_all_parameters_within_half_the_ranges(scripts):
-    cases, again = (scripts["plants"].joint_cases(get_robot("acrobot"), ROBUSTNESS) for _ in range(2))
+def test_joint_draws_are_off_in_all_parameters_within_half_the_ranges(script):
+    cases, again = (script("adaptive_plants").joint_cases(get_robot("acrobot"), ROBUSTNESS) for _ in range(2))
     assert [case.settings for case in again] == [case.settings for case in cases]
     nominal, plants = LEADERBOARD.driven(get_robot("acrobot")), [case.scenario.parameters for case in cases]
     for names, least, most in (
@@ -222,11 +216,11 @@ def test_joint_draws_are_off_in_all_parameters_within_half_the_ranges(scripts):
 
 
 @pytest.mark.slow
-def test_the_optimum_of_a_plant_is_held_and_scored(scripts):
+def test_the_optimum_of_a_plant_is_held_and_scored(script):
     robot = get_robot("pendubot")
-    every = scripts["plants"].plant_sets(robot, ROBUSTNESS)["grid"]
+    every = script("adaptive_plants").plant_sets(robot, ROBUSTNESS)["grid"]
     cases = [case for case in every if case.settings["parameter"] == "m2"]
-    (found,) = scripts["failing"].optima(robot, [cases[10]], ROBUSTNESS)
+    (found,) = script("adaptive_failing").optima(robot, [cases[10]], ROBUSTNESS)
     # The middle of the sweep is the nominal plant; its shipped swing-up scores 0.697 with its own regulator.
     assert cases[10].settings["value"] == pytest.approx(1.0)
     assert found.reached
@@ -234,8 +228,8 @@ def test_the_optimum_of_a_plant_is_held_and_scored(scripts):
     assert found.score == pytest.approx(0.69, abs=0.02)
 
 
-def test_errors_are_relative_to_the_value_or_the_range(scripts, tmp_path):
-    errors = scripts["errors"]
+def test_errors_are_relative_to_the_value_or_the_range(script):
+    errors = script("adaptive_errors")
     true = np.tile([0.1, 0.05, 0.2, 0.2, 0.0, 0.05, 0.0, -0.1, 0.0], (3, 1))
     found = np.repeat(true[:, None], 1501, axis=1)
     found[:, 500, 0] += [0.001, 0.002, -0.003]  # of 0.1

@@ -52,14 +52,11 @@ def found(logs):
     return swingup.identify(logs[:1], test=logs[1:])
 
 
-def test_the_plant_is_found(found):
+def test_the_plant_is_found_and_what_the_log_determines(found):
     for name, tolerance in zip(BASE, [0.01, 0.01, 0.01, 0.01, 0.05, 0.5, 0.5, 0.03, 0.03], strict=True):
         assert found.estimates.values[name] == pytest.approx(EXPECTED[name], rel=tolerance), name
     assert [found.estimates.values[name] for name in ("offset1", "offset2")] == pytest.approx(OFFSETS, abs=2e-3)
     assert found.estimates.values["delay + lag"] == pytest.approx(0.003, abs=3e-4)
-
-
-def test_what_the_log_determines(found):
     sure = found.estimates.determined
     assert all(sure[name] for name in (*BASE[:5], "cf1", "cf2", "delay + lag"))
     # The sum of delay and lag is known, the parts are not; and m and r only as a product.

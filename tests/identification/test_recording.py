@@ -60,18 +60,14 @@ def test_repeated_rows_are_found(tmp_path):
     assert "% of the rows repeat" in recording.warnings[0]
 
 
-def test_torques_that_only_a_motor_reports(tmp_path):
-    header = HEADER.replace("tau_con", "tau_meas")
-    noise = np.random.default_rng(0).normal(0, 0.001, (len(TIME), 2))
-    recording = read_recording(write(tmp_path / "log.csv", np.column_stack([TABLE[:, :5], noise]), header))
-    assert (recording.driven, recording.commanded) == ((False, False), False)
-
-
-def test_a_log_without_velocities_and_torques(tmp_path):
+def test_a_log_without_velocities_and_torques_and_one_of_which_only_the_motor_reports_them(tmp_path):
     recording = read_recording(write(tmp_path / "log.csv", TABLE[:, :3], "time,pos1,pos2"))
     np.testing.assert_allclose(recording.dq, RATES, atol=0.02)
     assert not any(recording.driven)
     assert "free fall" in recording.warnings[0]
+    table = np.column_stack([TABLE[:, :5], np.random.default_rng(0).normal(0, 0.001, (len(TIME), 2))])
+    recording = read_recording(write(tmp_path / "log.csv", table, HEADER.replace("tau_con", "tau_meas")))
+    assert (recording.driven, recording.commanded) == ((False, False), False)
 
 
 FEW_ROWS = np.column_stack([0.1 * np.arange(14), TABLE[np.arange(14) * 50 // 250 * 250, 1:]])
