@@ -164,10 +164,7 @@ def test_a_state_of_another_shape_is_refused(x):
     controller, filtered = (wrapped("ar-eapo", "acrobot") for _ in range(2))
     assert "damping = [0.1]" in refusal(controller.set_friction_compensation, damping=[0.1])
     filtered.set_filter(lambda *_: x)
-    for call in (
-        controller.get_control_output,
-        controller.get_control_output_,
-        load_controller("ar-eapo", "acrobot"),
-    ):
+    calls = controller.get_control_output, controller.get_control_output_, load_controller("ar-eapo", "acrobot")
+    for call in calls:
         assert "pass four numbers, [q1, q2, dq1, dq2]" in refusal(call, x, 0.0)
     assert "pass four numbers" in refusal(filtered.get_control_output, np.zeros(4), 0.0)

@@ -48,7 +48,7 @@ def test_what_is_a_number():
         assert (type(number), number) == (float, value)
 
 
-def test_ranges_hold_their_ends():
+def test_ranges_hold_their_ends_and_whole_numbers_are_pythons():
     assert finite_number("k", 2, 0.1, 2) == 2.0
     assert positive_number("k", 0.3, 0.3) == 0.3
     assert (whole_number("k", 0, 0), whole_number("k", 5, 0, 5)) == (0, 5)
@@ -57,9 +57,6 @@ def test_ranges_hold_their_ends():
         (whole_number, -1, 0), (whole_number, 6, 0, 5), (whole_number, 2.5, 0),
     ):  # fmt: skip
         assert refusal(check, "k", *given).startswith("k = ")
-
-
-def test_whole_numbers_are_pythons():
     for value in (3, 3.0, np.int64(3), np.float64(3), Fraction(6, 2)):
         assert type(whole_number("k", value, 0)) is int
         assert whole_number("k", value, 0) == 3
@@ -118,7 +115,7 @@ def test_messages_are_one_line_whatever_they_quote():
     assert len(str(SwingupError("x" * 10**6))) == 2000
 
 
-def test_a_link_keeps_pointing_and_a_mode_stays(tmp_path):
+def test_links_keep_pointing_to_files_and_folders_and_a_mode_stays(tmp_path):
     target, link = tmp_path / "target", tmp_path / "link"
     target.write_bytes(b"old")
     target.chmod(0o600)
@@ -127,11 +124,8 @@ def test_a_link_keeps_pointing_and_a_mode_stays(tmp_path):
     assert link.is_symlink()
     assert target.read_bytes() == b"new"
     assert stat.S_IMODE(target.stat().st_mode) == 0o600
-
-
-def test_a_folder_behind_a_link_is_made(tmp_path):
-    (tmp_path / "link").symlink_to("folder")
-    make_folder(tmp_path / "link" / "new")
+    (tmp_path / "way").symlink_to("folder")
+    make_folder(tmp_path / "way" / "new")
     assert (tmp_path / "folder" / "new").is_dir()
 
 

@@ -31,18 +31,14 @@ def test_a_log_is_read_as_it_is(tmp_path):
     assert (recording.driven, recording.commanded, recording.warnings) == ((True, False), True, ())
     assert recording.fresh.all()
     assert recording.period == pytest.approx(0.002)
-
-
-def test_pushes_are_added_and_clipped(tmp_path):
+    # Angles that wrap are continued.
+    table = changed([1, 3], lambda _: np.column_stack([(4 * TIME + np.pi) % (2 * np.pi) - np.pi, 4 + 0 * TIME]))
+    np.testing.assert_allclose(read_recording(write(tmp_path / "log.csv", table)).q[:, 0], 4 * TIME, atol=1e-9)
+    # Pushes are added and clipped.
     header = HEADER + ",tau_pert1,tau_pert2"
     path = write(tmp_path / "log.csv", np.column_stack([TABLE, np.full((len(TIME), 2), 0.25)]), header)
     np.testing.assert_allclose(read_recording(path).u, TORQUES + 0.25, atol=1e-12)
     np.testing.assert_allclose(read_recording(path, (1.0, 0.2)).u.max(axis=0), [1.0, 0.2])
-
-
-def test_angles_that_wrap_are_continued(tmp_path):
-    table = changed([1, 3], lambda _: np.column_stack([(4 * TIME + np.pi) % (2 * np.pi) - np.pi, 4 + 0 * TIME]))
-    np.testing.assert_allclose(read_recording(write(tmp_path / "log.csv", table)).q[:, 0], 4 * TIME, atol=1e-9)
 
 
 def test_quanta_differ_by_joint(tmp_path):
@@ -130,9 +126,7 @@ def test_a_cubic_is_its_own_smoothing(tmp_path):
         recording, origin = recording_of(tmp_path, period)
         times = np.linspace(0.0, recording.duration, 57)
         np.testing.assert_allclose(smooth(recording, times), cubics(times + origin), atol=1e-8)
-
-
-def test_repeated_rows_do_not_count(tmp_path):
+    # Repeated rows do not count.
     recording, origin = recording_of(tmp_path, 0.002, repeat=2)
     times = np.array([0.5, 1.0])
     np.testing.assert_allclose(smooth(recording, times)[:, 2], cubics(times + origin)[:, 2], atol=5e-3)

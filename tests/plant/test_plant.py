@@ -165,13 +165,10 @@ def test_two_rods_and_rods_with_a_mass_at_one_end():
     assert pytest.approx(0.4 * 0.3**2 / 3) == measured_plant(values=ROD | {"r2": 0.1}).plant.I2
 
 
-def test_inertias_by_name_and_a_motor_with_its_gear():
+def test_inertias_by_name_motors_with_their_gears_and_values_in_the_place_of_a_plants():
     given = {name: value for name, value in ROD.items() if name != "tl2"}
     plant = measured_plant(values=given | {"r1": 0.1, "Ic1": 0.002, "I2": 0.02, "motor": 0.5, "gr": 6.0}).plant
     assert (plant.I1, plant.I2, plant.tl1, plant.tl2) == (pytest.approx(0.002 + 0.5 * 0.1**2), 0.02, 3.0, 3.0)
-
-
-def test_values_replace_those_of_a_plant():
     plant = measured_plant("C.1", {"m1": 0.7, "motor": 2.0}).plant
     assert plant == load_plant("C.1").changed(m1=0.7, tl1=12.0, tl2=12.0)
     # Two point masses of 1 kg, 1 m apart, swing in 2π √(2 ∓ √2)⁻¹ √(1 / g): the textbook's double pendulum.
@@ -196,11 +193,6 @@ def test_values_that_make_no_plant(named):
     assert named in refusal(measured_plant, None, WRONG[named])
 
 
-def test_leaderboards_plant_has_units_of_exactly_1(either_robot):
-    for plant in (LEADERBOARD.driven(either_robot), load_plant("C.1").driven(either_robot)):
-        assert scales_of(plant) == Scales(time=1.0, torque=1.0, length=1.0)
-
-
 def test_units_of_two_point_masses():
     # 1 kg at 0.5 m and 2 kg at 0.5 + 0.3 m: J = 0.25 + 2 · 0.64 = 1.53, Γ = (0.5 + 1.6) · 10 = 21.
     plant = dataclasses.replace(
@@ -211,7 +203,9 @@ def test_units_of_two_point_masses():
     assert torque_over_gravity(plant) == pytest.approx(2.0)
 
 
-def test_units_of_a_similar_pendulum(similar):
+def test_units_of_c1_are_exactly_1_and_those_of_a_similar_pendulum_its_factors(similar):
+    for plant in (LEADERBOARD, C1):
+        assert [*map(scales_of, (plant, *map(plant.driven, ROBOTS.values())))] == 3 * [Scales(1.0, 1.0, 1.0)]
     found = scales_of(similar(LEADERBOARD.driven(ROBOTS["acrobot"])))
     # T ~ √(l/g), Γ ~ m l g.
     assert tuple(found) == pytest.approx((0.5, 0.025, 0.25), rel=1e-12)

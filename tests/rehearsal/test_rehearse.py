@@ -133,10 +133,7 @@ def test_cloudpendulums_client_gives_no_time_and_gets_a_list():
 
 def test_the_cells_limits():
     policy = load_policy("adaptive", "acrobot")
-    assert [note[:36] for note in cloudpendulum_notes(policy)] == [
-        "it may command 0.5 N m at the should",
-        "it may command 6 N m at the elbow, a",
-    ]
+    assert [note.split()[3] for note in cloudpendulum_notes(policy)] == ["0.5", "6"]  # N m
     cell = policy_plant(load_plant("cloudpendulum"), policy.robot)
     cell = dataclasses.replace(cell, cf1=0.16, cf2=0.12)
     identifier = dataclasses.replace(policy.identifier, passive_limit=0.005)

@@ -144,33 +144,23 @@ def test_never_terminated_and_cut_where_it_diverges(name, either_robot):
         assert np.all(np.isfinite(result.observation))
 
 
-def test_the_global_task_starts_after_throws_anywhere_and_hanging(either_robot):
-    task = made("global", either_robot)
+def test_the_global_task_starts_thrown_anywhere_or_hanging_and_is_rewarded_for_being_up(either_robot):
+    task, still = made("global", either_robot), jnp.zeros(2)
     x = np.asarray(jax.jit(jax.vmap(task.reset))(jax.random.split(jax.random.key(0), 2000)).x)
     assert np.abs(x[:, :2]).max() <= np.pi
-    hanging = np.all(np.abs(x) < 0.3, axis=1)
-    assert hanging.mean() == pytest.approx(0.15, abs=0.03)
-
-
-def test_recovering_is_rewarded_for_being_up_and_not_for_being_slow(either_robot):
-    task = made("global", either_robot)
-    still = jnp.zeros(2)
-    upright, hanging = jnp.array(UPRIGHT, jnp.float32), jnp.zeros(4)
+    assert np.all(np.abs(x) < 0.3, axis=1).mean() == pytest.approx(0.15, abs=0.03)  # hanging
     # Upright the tip is 0.05 m above the line, five widths of the smoothed edge.
-    assert float(task.reward(upright, still)) == pytest.approx(-0.5 / (1 + np.exp(5.0)), rel=1e-4)
+    assert float(task.reward(jnp.float32(UPRIGHT), still)) == pytest.approx(-0.5 / (1 + np.exp(5.0)), rel=1e-4)
     # Hanging costs 50 π² / 1000 before it is saturated; the tip is down.
     saturated = 1 - np.exp(-0.05 * np.pi**2 / 0.3)
-    assert float(task.reward(hanging, still)) == pytest.approx(-0.5 * (saturated + 1), rel=1e-5)
-    assert float(task.reward(jnp.array([0.0, 0.0, 15.0, 15.0]), still)) >= -1.0
-
-
-def test_the_anywhere_task_has_the_quadratic_cost_and_the_global_tasks_starts(either_robot):
-    task = made("anywhere", either_robot)
-    # Hanging, -0.001 · 50 π² = -0.4935 of the paper's reward, saturated: -(1 - exp(-0.4935)). Upright nothing.
+    assert float(task.reward(jnp.zeros(4), still)) == pytest.approx(-0.5 * (saturated + 1), rel=1e-5)
+    assert float(task.reward(jnp.array([0.0, 0.0, 15.0, 15.0]), still)) >= -1.0  # nor for being slow
+    # The anywhere task has its starts, the same for every task of the robot, so that runs repeat. Hanging costs
+    # -0.001 · 50 π² = -0.4935 of the paper's reward, saturated: -(1 - exp(-0.4935)).
+    anywhere = made("anywhere", either_robot)
+    assert np.array_equal(anywhere.starts, task.starts)
     for q1, reward in ((0.0, -0.3895), (PI, 0.0)):
-        assert float(task.reward(jnp.array([q1, 0.0, 0.0, 0.0]), jnp.zeros(2))) == pytest.approx(reward, abs=1e-4)
-    # The same states for every task of the robot, so that runs repeat.
-    assert np.array_equal(task.starts, made("global", either_robot).starts)
+        assert float(anywhere.reward(jnp.array([q1, 0.0, 0.0, 0.0]), still)) == pytest.approx(reward, abs=1e-4)
 
 
 @eqx.filter_jit
@@ -185,12 +175,9 @@ def episode(task, actions):
     return task.observe(start), jax.lax.scan(advance, start, actions)[1]
 
 
-STEPS = 60
-
-
 @pytest.mark.parametrize("name", ["smooth", pytest.param("paper", marks=pytest.mark.slow)])
 def test_a_similar_pendulum_has_the_same_decision_process(name, either_robot, x64, similar):
-    actions = jnp.asarray(np.random.default_rng(0).uniform(-1, 1, (STEPS, 1)))
+    actions = jnp.asarray(np.random.default_rng(0).uniform(-1, 1, (60, 1)))
     task = get_task(name, either_robot)
     twin = get_task(name, either_robot, similar(task.parameters))
     expected, found = episode(task, actions), episode(twin, actions)
