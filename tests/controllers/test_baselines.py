@@ -1,17 +1,28 @@
-"""Baselines: their scores, the switch to the regulator, and the model-predictive controller."""
+"""Baselines: scores, regulators against independent Riccati equations, followers, the switch, and the MPC."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.linalg import solve_continuous_are
 
 import swingup
 from benchmark.controllers import Memoryless
 from swingup.controllers.baselines.baselines import BASELINES, baseline, shipped_reference
+from swingup.controllers.baselines.lqr import disturbance_gain, linearised, riccati_recursion, upright_lqr
 from swingup.controllers.baselines.mpc import MPC
+from swingup.controllers.baselines.piecewise_cubic import fit_piecewise_cubic
+from swingup.controllers.baselines.published import PUBLISHED_SETTINGS
 from swingup.controllers.baselines.switch import AbstractExpensiveController, LatchingSwitch
+from swingup.controllers.baselines.tracking import RiccatiController, tvlqr
+from swingup.controllers.swingups.reference import Reference
 from swingup.dynamics.angles import UPRIGHT
+from swingup.dynamics.integrate import rk4_step
+from swingup.plant.plant import LEADERBOARD
 from swingup.plant.robots import ROBOTS
+
+ACROBOT = ROBOTS["acrobot"]
+RANDOM = np.random.default_rng(0)
 
 LEAST_SCORES = {
     "tvlqr": {"acrobot": 0.50, "pendubot": 0.52},
@@ -42,7 +53,117 @@ def test_they_keep_double_precision_and_know_their_robot(robot):
             assert isinstance(leaf, float) or (isinstance(leaf, np.ndarray) and leaf.dtype == np.float64)
 
 
-ACROBOT = ROBOTS["acrobot"]
+@pytest.fixture
+def lqr(robot):
+    return upright_lqr(LEADERBOARD.driven(robot), robot, PUBLISHED_SETTINGS[robot.name].lqr)
+
+
+def test_the_riccati_equation_holds_also_for_a_disturbance_as_a_state(robot, lqr):
+    plant, settings = LEADERBOARD.driven(robot), PUBLISHED_SETTINGS[robot.name].lqr
+    (other,) = (each for each in ROBOTS.values() if each != robot)
+    ((A,), (B,)), (_, (D,)) = (linearised(plant, each, UPRIGHT[None], np.zeros(1)) for each in (robot, other))
+    # The disturbance fades, but slowly: one that stays has no finite cost.
+    with_it = np.block([[A, D[:, None]], [np.zeros((1, 4)), -1e-7 * np.eye(1)]])
+    driving, Q = np.append(B, 0.0), np.diag([*settings.state_weights, 0.0])
+    S = solve_continuous_are(with_it, driving[:, None], Q, [[settings.torque_weight]])
+    gains = driving @ S / settings.torque_weight
+    np.testing.assert_allclose(lqr.cost_to_go, S[:4, :4], rtol=1e-6)
+    np.testing.assert_allclose(lqr.gains, gains[:4], rtol=1e-6)
+    assert disturbance_gain(plant, lqr) == pytest.approx(gains[4], rel=1e-4)
+
+
+def test_balances_and_gives_up_far_away(x64, robot, lqr):
+    p = LEADERBOARD.driven(robot)
+
+    def step(x, _):
+        _, u = lqr(None, jnp.zeros(()), x)
+        return rk4_step(p, x, u, 0.002), u
+
+    turns = np.array([2 * np.pi, -2 * np.pi, 0.0, 0.0])
+    start = UPRIGHT + turns + [0.02, -0.02, 0.1, -0.1]
+    x, u = map(np.asarray, jax.jit(lambda x: jax.lax.scan(step, x, length=4000))(start))
+    assert np.abs(u[:, robot.joint]).max() <= 6.0
+    assert (u[:, 1 - robot.joint] == 0.0).all()
+    np.testing.assert_allclose(x, UPRIGHT + turns, atol=1e-3)
+    _, u = jax.jit(step)(jnp.array([0.0, 0.0, 30.0, 0.0]), None)  # far away
+    assert not u.any()
+
+
+def test_recursion_against_disturbances_is_that_of_a_state_that_stays_1():
+    n, R = 20, 0.7
+    A, (B, d) = np.eye(4) + 0.1 * RANDOM.normal(size=(n, 4, 4)), RANDOM.normal(size=(2, n, 4))
+    Q, Qf = np.diag([1.0, 2.0, 0.3, 0.1]), np.diag([5.0, 1.0, 1.0, 2.0])
+    found = riccati_recursion(A, B, Q, R, Qf, d)
+    np.testing.assert_array_equal(riccati_recursion(A, B, Q, R, Qf)[0], found[0])
+    # [x, 1] needs no disturbance, and its last gain is the torque.
+    P, wider = np.zeros((5, 5)), np.zeros((5, 5))
+    P[:4, :4], wider[:4, :4] = Qf, Q
+    for i in reversed(range(n)):
+        C = np.block([[A[i], d[i][:, None]], [np.zeros((1, 4)), np.ones((1, 1))]])
+        D = np.append(B[i], 0.0)
+        gains = D @ P @ C / (R + D @ P @ D)
+        np.testing.assert_allclose([*found[0][i], found[1][i]], gains, rtol=1e-8, atol=1e-10)
+        P = wider + C.T @ P @ (C - np.outer(D, gains))
+
+
+ROWS = 200
+TIME = 0.001 * np.arange(ROWS)
+STATES = np.column_stack([TIME**k for k in range(1, 5)])
+REFERENCE = Reference(ACROBOT, 0.001, STATES, 1.0 - TIME**2, RANDOM.normal(size=(ROWS, 4)))
+OFF = np.array([0.02, -0.01, 0.03, 0.05])
+
+
+def torque(controller, t, x):
+    _, u = controller(controller.init(), jnp.asarray(t), jnp.asarray(x))
+    assert u[0] == 0.0
+    return float(u[1])
+
+
+def test_riccati_gains_of_the_nearest_row_do_not_wrap(x64):
+    follower = RiccatiController(REFERENCE.dt, STATES, REFERENCE.torque, REFERENCE.gains, 6.0, ACROBOT)
+    for t, row in ((0.0, 0), (0.0504, 50), (0.0506, 51), (0.199, 199), (7.0, 199)):
+        expected = REFERENCE.torque[row] + REFERENCE.gains[row] @ OFF
+        assert torque(follower, t, STATES[row] + OFF) == pytest.approx(expected, abs=1e-12)
+    expected = REFERENCE.torque[3] + 2 * np.pi * REFERENCE.gains[3, 0]
+    found = torque(follower, 0.003, STATES[3] + [2 * np.pi, 0, 0, 0])
+    assert found == pytest.approx(np.clip(expected, -6, 6), abs=1e-9)
+    assert abs(torque(follower, 0.0, [0, 0, 1e6, 0])) == 6.0
+
+
+def test_tvlqr(x64):
+    # Rows that are cubic in time, so that the fit is exact but for the state's fourth entry and the gains.
+    p, Q, R, Qf = LEADERBOARD.driven(ACROBOT), np.diag([0.64, 0.56, 0.13, 0.037]), 0.82, np.eye(4)
+    controller = tvlqr(REFERENCE, p, ACROBOT, (Q, R, Qf), pieces=40)
+    A, B = linearised(p, ACROBOT, REFERENCE.states, REFERENCE.torque)
+    gains, _ = riccati_recursion(np.eye(4) + 0.001 * A, 0.001 * B, Q, R, Qf)
+    for row in (0, 77, 199):
+        t, x = float(TIME[row]), REFERENCE.states[row]
+        assert torque(controller, t, x) == pytest.approx(REFERENCE.torque[row], abs=1e-6)
+        expected = REFERENCE.torque[row] - gains[row] @ OFF
+        assert torque(controller, t, x + OFF) == pytest.approx(expected, abs=1e-5)
+        assert torque(controller, t, x + OFF + [2 * np.pi, -4 * np.pi, 0, 0]) == pytest.approx(expected, abs=1e-5)
+    assert torque(controller, 9.0, REFERENCE.states[-1]) == pytest.approx(REFERENCE.torque[-1], abs=1e-6)
+
+
+def test_each_piece_is_the_least_squares_cubic(x64):
+    moments = 0.01 * np.arange(103)
+    values = np.column_stack([np.sin(5 * moments), RANDOM.normal(size=103)])
+    fit = fit_piecewise_cubic(moments, values, 10)
+    # 103 samples in 10 pieces: three of 11, then seven of 10.
+    pieces = np.array_split(np.arange(103), 10)
+    assert [len(piece) for piece in pieces] == [11] * 3 + [10] * 7
+    for piece in pieces:
+        for channel in range(2):
+            cubic = np.polyfit(moments[piece], values[piece, channel], 3)
+            fitted = [float(fit(jnp.asarray(t))[channel]) for t in moments[piece]]
+            np.testing.assert_allclose(fitted, np.polyval(cubic, moments[piece]), atol=1e-9)
+            # Between two pieces the later one holds; the ends are held.
+            before = piece[0] * 0.01 - 0.005 * (piece[0] > 0)
+            assert float(fit(jnp.asarray(before))[channel]) == pytest.approx(np.polyval(cubic, before), abs=1e-9)
+    np.testing.assert_array_equal(fit(jnp.asarray(-1.0)), fit(jnp.asarray(0.0)))
+    np.testing.assert_array_equal(fit(jnp.asarray(9.0)), fit(jnp.asarray(moments[-1])))
+
+
 THRESHOLD = np.array([0.5, 0.5, 1.0, 1.0])
 AWAY, UP = np.zeros(4), UPRIGHT
 

@@ -107,14 +107,6 @@ def test_gains_against_an_independent_recursion(x64):
             P = np.diag(2 * WEIGHTS[0] / N) + 2 * WEIGHTS[1] / N * np.outer(K, K) + closed.T @ P @ closed
 
 
-def test_regularisation_only_slows_it_down(x64):
-    settings = dataclasses.replace(PLAIN, regularisation=10.0, max_iterations=200, tolerance=1e-13)
-    solution = run(settings)
-    assert solution.status == Status.CONVERGED
-    assert solution.iterations > 5
-    np.testing.assert_allclose(solution.torque, dense_solution()[0], atol=1e-5)
-
-
 def test_wrong_derivatives_stall(x64):
     solution = run(dataclasses.replace(PLAIN, regularisation=1.0), sign=-1.0)
     untouched = run(PLAIN, idle=True)

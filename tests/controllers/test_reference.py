@@ -19,7 +19,7 @@ from swingup.controllers.baselines.published import PUBLISHED_SETTINGS
 from swingup.controllers.baselines.tracking import RiccatiController
 from swingup.controllers.swingups import design
 from swingup.controllers.swingups.design import RESTING_STATE, _cheapest, compute_reference
-from swingup.controllers.swingups.ilqr import Solution, feedback_gains
+from swingup.controllers.swingups.ilqr import Solution
 from swingup.controllers.swingups.reference import (
     REFERENCE_ARRAYS,
     REFERENCE_FORMAT,
@@ -63,15 +63,6 @@ def test_shipped_trajectories_have_the_published_figures(robot):
     largest, velocity_cost = {"acrobot": (2.6, 105.83), "pendubot": (1.6, 211.12)}[robot.name]
     assert np.abs(reference.torque).max() == pytest.approx(largest, abs=0.06)
     assert np.sum(reference.states[:, 2:] ** 2) * 0.001 == pytest.approx(velocity_cost, abs=0.5)
-
-
-def test_regularised_gains_are_weak(x64, robot):
-    reference, _ = shipped_reference(robot)
-    cost = PUBLISHED_SETTINGS[robot.name].swingup.cost(len(reference.torque))
-    transition = PendulumTransition(LEADERBOARD.driven(robot), robot.joint, reference.dt, exact=False)
-    states = np.concatenate([reference.states, UPRIGHT[None]])
-    free = jax.jit(lambda x, u: feedback_gains(transition, cost, x, u, 0.0))(states, reference.torque)
-    assert np.abs(reference.gains).mean() < 0.2 * np.abs(free).mean()
 
 
 @pytest.mark.slow
@@ -181,10 +172,8 @@ def test_files_keep_everything(tmp_path):
     # What the file says itself wins over what the provenance, such as another file's metadata, says of that.
     save_reference(tmp_path / "a.safetensors", reference, {"command": "this test", "dt": 9.0, "robot": "pendubot"})
     loaded, metadata = load_reference(tmp_path / "a.safetensors")
-    assert (loaded.robot, loaded.dt) == (reference.robot, reference.dt)
-    for name in REFERENCE_ARRAYS:
-        np.testing.assert_array_equal(getattr(loaded, name), getattr(reference, name))
-        assert getattr(loaded, name).dtype == np.float64
+    np.testing.assert_equal(dataclasses.asdict(loaded), dataclasses.asdict(reference))
+    assert {getattr(loaded, name).dtype for name in REFERENCE_ARRAYS} == {np.dtype(np.float64)}
     assert metadata["command"] == "this test"
 
 
@@ -227,9 +216,7 @@ def test_gains_act_as_realaigyms_controller_has_them(tmp_path, robot, x64):
     """u = tau - K (x_des - x), by the columns of the file alone."""
     reference = shipped_reference(robot)[0]
     save_reference_csv(tmp_path / "r.csv", reference)
-    with (tmp_path / "r.csv").open() as file:
-        names = file.readline().strip().split(",")
-    table = dict(zip(names, np.loadtxt(tmp_path / "r.csv", delimiter=",", skiprows=1).T, strict=True))
+    table = np.genfromtxt(tmp_path / "r.csv", delimiter=",", names=True)
     controller = RiccatiController(reference.dt, reference.states, reference.torque, reference.gains, 6.0, robot)
     for row in (0, 100, 400):
         x = reference.states[row] + np.array([0.01, -0.02, 0.1, 0.2])

@@ -1,61 +1,36 @@
-"""Controllers by their names, with and without a state estimator before them."""
+"""Controllers by their names, with and without a state estimator before them, and on any clock."""
 
 import importlib
 import sys
 
+import equinox as eqx
+import numpy as np
 import pytest
 
 import swingup
+from benchmark import controllers
 from policies import lone_policy
 from refusals import refusal
 from swingup.controllers.baselines.switch import LatchingSwitch
+from swingup.controllers.interface.time import split_time
 from swingup.controllers.registry import get_controller, has_estimator
 from swingup.controllers.stack.controller import PolicyController, save_controller
-from swingup.controllers.stack.estimator import EstimatingController
 from swingup.plant.plant import LEADERBOARD
 from swingup.policy import shipped
 from swingup.policy.estimator.settings import EstimatorSettings
 
-MODULE = """
-import jax.numpy as jnp
-import swingup
-from swingup.plant.plant import LEADERBOARD
-from swingup.plant.robots import get_robot
-from swingup.controllers.stack.estimator import with_estimator
 
-class Damping(swingup.AbstractController):
-    def init(self):
-        return None
-
-    def __call__(self, carry, t, x):
-        return None, -0.1 * x[2:] * jnp.array([0.0, 1.0])
-
-compiled = Damping()
-estimating = with_estimator(compiled, get_robot("acrobot"), LEADERBOARD.driven("acrobot"))
-pendubot = swingup.baseline("lqr", "pendubot")
-
-def plain(x, t):
-    return [0.0, 0.0]
-"""
-
-
-@pytest.fixture
-def files(tmp_path, monkeypatch):
-    """Policy files of the acrobot: without an estimator, with the defaults, and with settings of its own."""
+def test_policy_files_say_whether_an_estimator_is_meant(tmp_path):
     policy, _ = lone_policy("ar-eapo", "acrobot")
-    meant = {"alone": {}, "defaults": {"estimator": {}}, "own": {"estimator": {"dt": 0.004, "max_delay_steps": 7}}}
-    for name, metadata in meant.items():
-        save_controller(tmp_path / f"{name}.safetensors", policy, metadata)
-    (tmp_path / "some_controllers.py").write_text(MODULE)
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(tmp_path))
-
-
-def test_policy_files_say_whether_an_estimator_is_meant(files):
     own, defaults = EstimatorSettings(dt=0.004, max_delay_steps=7), EstimatorSettings()
-    for name, told, forced in (("alone", None, defaults), ("defaults", defaults, defaults), ("own", own, own)):
+    for metadata, told, forced in (
+        ({}, None, defaults),
+        ({"estimator": {}}, defaults, defaults),
+        ({"estimator": {"dt": 0.004, "max_delay_steps": 7}}, own, own),
+    ):
+        save_controller(tmp_path / "p.safetensors", policy, metadata)
         for wanted, answer in ((None, told), (False, None), (True, forced)):
-            controller = get_controller(f"{name}.safetensors", "acrobot", wanted)
+            controller = get_controller(f"{tmp_path}/p.safetensors", "acrobot", wanted)
             assert getattr(controller, "settings", None) == answer
             assert has_estimator(controller) == (answer is not None)
             assert isinstance(controller if answer is None else controller.controller, PolicyController)
@@ -68,17 +43,20 @@ def test_built_in_names(robot):
     assert (behind.robot, behind.plant.values()) == (robot, LEADERBOARD.driven(robot).values())
 
 
-def test_controllers_of_modules(files):
-    assert not has_estimator(get_controller("some_controllers:compiled", "acrobot"))
-    assert has_estimator(get_controller("some_controllers:compiled", "acrobot", True))
+def test_controllers_of_modules(monkeypatch):
+    def named(controller, estimator=None):
+        monkeypatch.setattr(controllers, "MINE", controller, raising=False)
+        return get_controller("benchmark.controllers:MINE", "acrobot", estimator)
+
+    compiled, plain = controllers.SWINGING, controllers.swinging
+    assert [has_estimator(named(compiled, wanted)) for wanted in (None, True)] == [False, True]
     # One that brings its own estimator keeps it, gets no second one, and can go without.
-    own = get_controller("some_controllers:estimating", "acrobot", True)
-    assert not isinstance(own.controller, EstimatingController)
-    assert has_estimator(get_controller("some_controllers:estimating", "acrobot"))
-    assert not has_estimator(get_controller("some_controllers:estimating", "acrobot", False))
-    assert not has_estimator(get_controller("some_controllers:plain", "acrobot", False))
-    named = "'some_controllers:pendubot': it is for the pendubot"
-    assert named in refusal(get_controller, "some_controllers:pendubot", "acrobot", True)
+    own = get_controller("tvlqr", "acrobot", estimator=True)
+    assert [has_estimator(named(own, wanted)) for wanted in (None, True, False)] == [True, True, False]
+    assert not has_estimator(named(own, True).controller)
+    assert not has_estimator(named(plain, False))
+    told = "'benchmark.controllers:MINE': it is for the pendubot"
+    assert told in refusal(named, swingup.baseline("lqr", "pendubot"), True)
 
 
 def test_the_working_folder_comes_first_only_while_a_module_is_imported(tmp_path, monkeypatch):
@@ -103,3 +81,32 @@ def test_a_missing_policy_of_the_zoo_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(shipped, "ZOO", tmp_path)
     named = "lacks the policy acrobot-global.safetensors: use adaptive or train one"
     assert named in refusal(get_controller, "global", "acrobot")
+
+
+DT, HOURS, EPOCH = 0.002, 1e6, 1.76e9
+
+
+def answers(controller, start):
+    """Torques (40, 2) along a motion, in float32, on a clock that starts at a time (s)."""
+    call, memory, torques = eqx.filter_jit(controller), controller.init(), []
+    for t in DT * np.arange(40):
+        x = np.array([np.sin(3 * t), np.cos(4 * t) - 1, 3 * np.cos(3 * t), -4 * np.sin(4 * t)], np.float32)
+        memory, u = call(memory, split_time(start + t), x)
+        torques.append(u)
+    return np.array(torques)
+
+
+def test_a_clock_may_start_anywhere():
+    """Of a trajectory's follower behind an estimator."""
+    found = get_controller("tvlqr", "acrobot", estimator=True)
+    expected = answers(found, 0.0)
+    assert np.ptp(expected) > 0.1
+    for start in (HOURS, EPOCH):
+        # The clock itself, in float64, resolves 2e-7 s at most.
+        np.testing.assert_allclose(answers(found, start), expected, rtol=0, atol=1e-3)
+
+
+def test_differences_of_split_times():
+    first, second = split_time(EPOCH + 0.998), split_time(EPOCH + 1.0)
+    assert float(second - first) == pytest.approx(DT, abs=3e-7)
+    assert np.isnan(float(split_time(np.nan) - first))

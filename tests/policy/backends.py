@@ -2,7 +2,7 @@
 
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -100,23 +100,18 @@ class JavaScript:
         return u[:, self._joint]
 
 
-@dataclass(frozen=True)
-class BackEnd:
-    """A row of the table."""
-
-    make: Callable
-    """From a policy and a folder to what has ``alone(states)`` and, if it is whole, ``run(times, states)``.
+class BackEnd(NamedTuple):
+    """A row of the table.
 
     ``run(times, states, given)`` is one whose motors were given these torques, for what has an identifier. In a
     replay, which does not follow the torques, a compensation too strong would look like friction of that strength:
     rounding would grow.
     """
-    alone_within: float
-    """Distance of the policy's torque from that in double precision (N m)."""
-    whole_within: float = np.nan
-    """Distance of a whole controller's torques over a run (N m)."""
-    stride: int = 1
-    """The policy alone is asked at every so many states: one that is slow to call gets fewer."""
+
+    make: Callable  # from a policy and a folder to what has ``alone(states)`` and, if it is whole, ``run``
+    alone_within: float  # distance of the policy's torque from that in double precision (N m)
+    whole_within: float = np.nan  # distance of a whole controller's torques over a run (N m)
+    stride: int = 1  # the policy alone is asked at every so many states: one that is slow to call gets fewer
 
 
 BACK_ENDS = {

@@ -70,14 +70,6 @@ ADAPTIVES = ["acrobot-adaptive", "pendubot-adaptive"]
 """The shipped ones with an identifier and a regulator."""
 SMALL = ["pendubot-wrapped", "pendubot-bare"]
 """Untrained ones with the paper's observation, which jumps at its wraps: with and without normalisation."""
-SIGHTED = "acrobot-sighted"
-"""An untrained one that sees its plant, C.1 as it is."""
-REGULATED = "acrobot-regulated"
-"""The one that sees its plant, with a regulator near the top."""
-TOLD = "acrobot-told"
-"""The same, behind an estimator with an identifier that tells policy and regulator what it finds."""
-OTHER_PLANT = "acrobot-friction"
-"""The one with an estimator that believes in C.1 as it is: with friction and motors' rotors."""
 
 
 @functools.cache
@@ -95,21 +87,21 @@ def random_layer(outputs, inputs, seed):
 
 @functools.cache
 def policy(name):
-    """A policy by a name above: one of SHIPPED, ESTIMATED, ADAPTIVES or SMALL, or SIGHTED and those after it."""
+    """A policy by its name: one above, or one of those here."""
     robot, _, kind = name.partition("-")
     if name in SMALL:
         return policy_of(small_policy(kind == "wrapped"))
-    if name == SIGHTED:
+    if name == "acrobot-sighted":
         return policy_of(sighted_policy())
-    if name == REGULATED:
-        return dataclasses.replace(policy(SIGHTED), regulator=RegulatorSettings())
-    if name == TOLD:
+    if name == "acrobot-regulated":
+        return dataclasses.replace(policy("acrobot-sighted"), regulator=RegulatorSettings())
+    if name == "acrobot-told":  # its identifier tells policy and regulator what it finds
         near = RegulatorSettings(enter=5.0, leave=50.0, enter_coulomb=0.1, leave_coulomb=0.05)
         identifier = IdentifierSettings(load_deviation=0.05, spring_deviation=0.02)
         parts = {"estimator": EstimatorSettings(), "identifier": identifier, "regulator": near}
-        return dataclasses.replace(policy(SIGHTED), **parts)
-    if name == OTHER_PLANT:
-        return dataclasses.replace(policy(ESTIMATED[0]), plant=policy(SIGHTED).plant)
+        return dataclasses.replace(policy("acrobot-sighted"), **parts)
+    if name == "acrobot-friction":  # its estimator believes in C.1 as it is: with friction and motors' rotors
+        return dataclasses.replace(policy("acrobot-estimated"), plant=policy("acrobot-sighted").plant)
     if name in ESTIMATED:
         return dataclasses.replace(load_policy(AR_EAPO, robot), estimator=EstimatorSettings())
     return load_policy(kind, robot)
@@ -152,20 +144,17 @@ def recorded(name, steps):
 
     Behind a sensor the loop is closed; "not finite" is a recording that is played to the controller.
     """
-    columns = []
-    for sensor in SENSORS.values():
-        random = np.random.default_rng(3)
+    columns, (times, played) = [], (np.resize(rows, (steps, *rows.shape[1:])) for rows in faults())
+    for name_of_sensor in COLUMNS:
+        sensor, random = SENSORS.get(name_of_sensor, Sensor()), np.random.default_rng(3)
         noise, pauses = sensor.noise * random.normal(size=(steps, 2)), random.choice(sensor.periods, steps)
-        wrong = sensor.offset * np.array([1.0, -1.0])
+        wrong, closed = sensor.offset * np.array([1.0, -1.0]), name_of_sensor in SENSORS
         how = sensor.age, sensor.quantum, sensor.differences, wrong, sensor.coulomb
-        columns.append((*how, np.cumsum(pauses) - pauses, pauses, noise, False, np.zeros((steps, 4))))
-    times, played = (np.resize(rows, (steps, *rows.shape[1:])) for rows in faults())
-    columns.append((0, 0.0, False, np.zeros(2), 0.0, times, np.ones(steps), np.zeros((steps, 2)), True, played))
+        columns.append((*how, np.cumsum(pauses) - pauses if closed else times, pauses, noise, not closed, played))
     with jax.enable_x64(True):
         stacked = tuple(jnp.asarray(np.array(column)) for column in zip(*columns, strict=True))
-        measured, torques = (
-            np.asarray(rows) for rows in _loops(in_double(make_controller(policy(name))), *stacked)
-        )
+        found = in_double(make_controller(policy(name)))
+        measured, torques = (np.asarray(rows) for rows in _loops(found, *stacked))
     lengths = [steps] * len(SENSORS) + [len(faults()[0])]
     return {
         sensor: (column[5][:length], x[:length], u[:length])

@@ -5,6 +5,7 @@ recorded loop as a whole where a policy has a memory; else the policy alone is a
 """
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
@@ -13,40 +14,14 @@ from swingup.dynamics.angles import UPRIGHT
 from swingup.plant.base_parameters import base_parameters
 from swingup.policy.numpy_backend.controller import numpy_controller
 
+from . import references
 from .backends import BACK_ENDS
-from .references import (
-    ADAPTIVES,
-    COLUMNS,
-    DT,
-    ESTIMATED,
-    OTHER_PLANT,
-    REGULATED,
-    SHIPPED,
-    SIGHTED,
-    SMALL,
-    TOLD,
-    TOLERANCE,
-    UNSOUND,
-    alone,
-    exact,
-    faults,
-    numpy_loop,
-    numpy_run,
-    policy,
-    random_states,
-    recorded,
-    silent,
-    within,
-)
+from .references import ADAPTIVES, COLUMNS, DT, ESTIMATED, numpy_run, policy, recorded, silent, within
 
-ADAPTING = 900
-"""Steps of the recorded loops of the adaptive policies: the swing-up, and the regulator near the top."""
-LONG = 1200
-"""Steps of the recorded loops of the estimated policies (2.4 s): the swing-up, and some of the hold."""
-BRIEF = 600
-"""Steps of the others: the swing-up."""
+ADAPTING, LONG, BRIEF = 900, 1200, 600
+"""Steps of recorded loops: of the adaptive policies, of the estimated ones, of the others."""
 
-MEMORYLESS = [*(f"{robot}-ar-eapo" for robot in ("acrobot", "pendubot")), *SMALL, SIGHTED]
+MEMORYLESS = [*(f"{robot}-ar-eapo" for robot in ("acrobot", "pendubot")), *references.SMALL, "acrobot-sighted"]
 """No loop tells more of them than their states do; those behind an estimator have the networks of these."""
 SLOW = (ESTIMATED[1], "pendubot-global", ADAPTIVES[1])
 """What the acrobot's tell of a back end, theirs repeat."""
@@ -68,7 +43,7 @@ def a_cell(name, back_end, sensor):
     return pytest.param(name, back_end, sensor, id=f"{name}-{back_end}-{sensor}", marks=marks)
 
 
-REMEMBERING = [name for name in [*SHIPPED, *ESTIMATED] if name not in MEMORYLESS]
+REMEMBERING = [name for name in [*references.SHIPPED, *ESTIMATED] if name not in MEMORYLESS]
 ALONE, NETWORKS = ("states", "not finite"), ("numpy", "c", "onnx", "javascript")
 TABLE = [
     a_cell(name, back_end, sensor) for name in MEMORYLESS for back_end in BACK_ENDS for sensor in ALONE
@@ -84,15 +59,13 @@ TABLE = [
 @pytest.fixture(scope="module")
 def made(tmp_path_factory, request):
     """Back ends by name and policy, each made once."""
-    kept = {}
 
+    @functools.cache
     def make(back_end, name):
-        if (back_end, name) not in kept:
-            folder = tmp_path_factory.mktemp(back_end)
-            kept[back_end, name] = BACK_ENDS[back_end].make(policy(name), folder)
-            if back_end == "javascript":
-                kept[back_end, name].browser = request.getfixturevalue("chromium")
-        return kept[back_end, name]
+        found = BACK_ENDS[back_end].make(policy(name), tmp_path_factory.mktemp(back_end))
+        if back_end == "javascript":
+            found.browser = request.getfixturevalue("chromium")
+        return found
 
     return make
 
@@ -114,12 +87,13 @@ def test_torques(made, name, back_end, sensor):
         again = looped(found, name, times[:100], states[:100], expected[:100])
         np.testing.assert_array_equal(again, both[:100])
     else:
-        states = random_states()[:: row.stride] if sensor == "states" else faults()[1]
+        states = references.random_states()[:: row.stride] if sensor == "states" else references.faults()[1]
         torques, broken = found.alone(states), ~np.isfinite(states).all(axis=1)
-        np.testing.assert_allclose(torques, alone(exact(name), states), rtol=0, atol=row.alone_within)
+        expected = references.alone(references.exact(name), states)
+        np.testing.assert_allclose(torques, expected, rtol=0, atol=row.alone_within)
     assert broken.any() == (sensor == "not finite")
     np.testing.assert_array_equal(np.isnan(torques), broken)
-    if sensor == "states" and name in SHIPPED:
+    if sensor == "states" and name in references.SHIPPED:
         assert np.ptp(torques) > 6
 
 
@@ -157,7 +131,7 @@ def old(name):
 
 def broken(name):
     """A pause, a clock set back, a jump, and what is not finite, after a motion; then the motion goes on."""
-    (times, states, _), (later, between) = numpy_run(name), faults()
+    (times, states, _), (later, between) = numpy_run(name), references.faults()
     times = np.concatenate([times, times[-1] + DT + later, times[-1] + 1 + times[:200]])
     states = np.concatenate([states, between, states[-200:]])
     states[300, 0] = 1e7
@@ -175,7 +149,7 @@ def rubbing(name):
     """Friction of both joints and offsets of both angles: both motors act."""
     plant = dataclasses.replace(policy(name).plant, cf1=0.1, cf2=0.1)
     found = numpy_controller(policy(name))
-    times, states, torques = numpy_loop(found, steps=BRIEF, plant=plant, wrong=(0.03, -0.02))
+    times, states, torques = references.numpy_loop(found, steps=BRIEF, plant=plant, wrong=(0.03, -0.02))
     assert np.abs(torques[:, 1 - policy(name).robot.joint]).max() > 0.1
     assert np.abs(found.inner.found.offsets).min() > 0.002
     return times, states
@@ -208,8 +182,8 @@ def test_adaptive_loops_in_c_are_numpys(made, name, change):
 
 def test_the_estimators_plant_is_the_policys(made):
     """A plant with friction and rotors: C's motion model beside NumPy's, and neither is the leaderboards'."""
-    times, states, expected = numpy_run(OTHER_PLANT)
-    found = made("c", OTHER_PLANT).run(times, states)
+    times, states, expected = numpy_run("acrobot-friction")
+    found = made("c", "acrobot-friction").run(times, states)
     np.testing.assert_allclose(found, expected, rtol=0, atol=BACK_ENDS["c"].whole_within)
     assert np.abs(made("c", ESTIMATED[0]).run(times, states) - expected).max() > 0.02
 
@@ -223,7 +197,7 @@ SWAY = np.concatenate([[0.05, 0.12] * np.sin(PHASE), [0.35, 0.84] * np.cos(PHASE
 def test_the_regulator_takes_over_alike(made):
     """A sway that grows and fades twice: the regulator leaves and enters again."""
     states = UPRIGHT + 3 * np.abs(np.sin(2 * np.pi * TIMES / 1.2))[:, None] * SWAY
-    controllers = ("numpy", REGULATED), ("c", REGULATED), ("numpy", SIGHTED)
+    controllers = ("numpy", "acrobot-regulated"), ("c", "acrobot-regulated"), ("numpy", "acrobot-sighted")
     numpys, cs, policys = (made(*each).run(TIMES, states) for each in controllers)
     np.testing.assert_allclose(cs, numpys, rtol=0, atol=BACK_ENDS["c"].whole_within)
     acts = np.abs(numpys - policys)[:, 1] > 1e-9
@@ -234,21 +208,21 @@ def test_the_regulator_takes_over_alike(made):
 @pytest.mark.parametrize("back_end", ["numpy", "c"])
 def test_a_regulator_that_acts_hides_no_broken_measurement(made, back_end):
     """An infinite rate must not become the largest torque; ``test_regulator.py`` has JAX's."""
-    broken = np.where(np.isfinite(UNSOUND), UPRIGHT, UNSOUND)
+    broken = np.where(np.isfinite(references.UNSOUND), UPRIGHT, references.UNSOUND)
     states = np.stack([np.broadcast_to(UPRIGHT, broken.shape), broken], axis=1).reshape(-1, 4)
-    torques = made(back_end, REGULATED).run(DT * np.arange(len(states)), states)[:, 1]
+    torques = made(back_end, "acrobot-regulated").run(DT * np.arange(len(states)), states)[:, 1]
     # It acts at each good state: the policy would command a torque there.
-    assert abs(alone(exact(SIGHTED), states[:1])[0]) > 0.1
+    assert abs(references.alone(references.exact("acrobot-sighted"), states[:1])[0]) > 0.1
     np.testing.assert_allclose(torques[::2], 0.0, atol=1e-9)
     assert np.isnan(torques[1::2]).all()
 
 
 def test_the_regulator_is_told_what_is_found_alike(made):
     """The plant found changes the regulator's torque by newton metres."""
-    numpys, cs = (made(back_end, TOLD).run(TIMES, UPRIGHT + SWAY) for back_end in ("numpy", "c"))
+    numpys, cs = (made(back_end, "acrobot-told").run(TIMES, UPRIGHT + SWAY) for back_end in ("numpy", "c"))
     np.testing.assert_allclose(cs, numpys, rtol=0, atol=1e-8)
     for part in ("identifier", "regulator"):
-        untold = numpy_controller(dataclasses.replace(policy(TOLD), **{part: None}))
+        untold = numpy_controller(dataclasses.replace(policy("acrobot-told"), **{part: None}))
         torques = np.array([untold(x, t) for x, t in zip(UPRIGHT + SWAY, TIMES, strict=True)])
         assert np.median(np.abs(numpys - torques)[:, 1]) > 1.0
 
@@ -257,12 +231,12 @@ def test_the_regulator_is_told_what_is_found_alike(made):
 @pytest.mark.parametrize("period", [0.001, 0.0025, 0.005])
 @pytest.mark.parametrize("name", ADAPTIVES)
 def test_the_adaptive_policies_hold_at_other_rates(name, period):
-    _, states, _ = numpy_loop(numpy_controller(policy(name)), period, steps=round(4.0 / period))
+    _, states, _ = references.numpy_loop(numpy_controller(policy(name)), period, steps=round(4.0 / period))
     assert from_upright(states[-round(1.0 / period) :]) < 0.05
 
 
 def test_graphs_take_batches_of_any_size(made):
-    found, states = made("onnx", "acrobot-ar-eapo"), random_states()[:1000]
+    found, states = made("onnx", "acrobot-ar-eapo"), references.random_states()[:1000]
     single = [found.alone(x[None])[0] for x in states]
-    np.testing.assert_allclose(single, found.alone(states), rtol=0, atol=TOLERANCE)
+    np.testing.assert_allclose(single, found.alone(states), rtol=0, atol=references.TOLERANCE)
     assert found.alone(states[:0]).shape == (0,)

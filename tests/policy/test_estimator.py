@@ -1,8 +1,8 @@
 """The estimator, against an independent Riccati iteration and in closed loops whose true state is known."""
 
+import collections
 import dataclasses
 import functools
-from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -20,13 +20,8 @@ from .references import DT, ENCODER, policy
 STEPS = 1100
 
 
-class Rows(NamedTuple):
-    """A closed loop before each of its steps."""
-
-    x: np.ndarray
-    measured: np.ndarray
-    seen: np.ndarray
-    delay_steps: np.ndarray
+Rows = collections.namedtuple("Rows", "x measured seen delay_steps")
+"""A closed loop before each of its steps."""
 
 
 @functools.cache

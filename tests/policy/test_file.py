@@ -22,7 +22,6 @@ from swingup.policy.identifier.settings import IdentifierSettings
 from swingup.policy.pendulum import PARTS, read_pendulum_policy, write_pendulum_policy
 from swingup.policy.plant_facts import policy_plant, write_plant
 from swingup.policy.regulator.settings import RegulatorSettings
-from swingup.policy.shipped import load_policy
 
 from .references import sighted_policy, small_policy
 
@@ -166,14 +165,6 @@ def test_a_file_carries_its_plant(file, tmp_path):
     # A name ends no comment in C.
     ending = dataclasses.replace(MINE, name="*/ system();\n/*")
     assert "*/ system" not in c_header(dataclasses.replace(found, plant=ending))
-
-
-def test_a_folded_policy_is_written_with_its_own_metadata(file):
-    """The network of ``adaptive`` for one plant, with the shipped file's metadata as provenance."""
-    policy = load_policy("adaptive", "acrobot")
-    found = file(policy, policy.metadata, network=policy.folded)
-    assert len(found.network.stages) == len(policy.folded.stages) < len(policy.network.stages)
-    assert found.metadata["command"] == policy.metadata["command"]
 
 
 PENDULUM, NORMALISE, SIGHT, PLANT = (

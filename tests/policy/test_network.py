@@ -13,7 +13,7 @@ from swingup.areapo.networks import Actor
 from swingup.controllers.stack.controller import policy_of, save_controller
 from swingup.controllers.stack.policy import Policy
 from swingup.plant.base_parameters import base_parameters
-from swingup.plant.plant import LEADERBOARD, Plant, load_plant
+from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.policy.network.fold import fold
 from swingup.policy.network.layers import Layer, Network, largest_feature
 from swingup.policy.network.stages import PendulumStage, PlantStage
@@ -93,34 +93,22 @@ def test_a_folded_network_gives_the_same(depth):
 
 def test_told_plants_are_those_of_files():
     """A batch of plants, traced, and NumPy's network told one, are the networks of files with that plant."""
-    plants = LEADERBOARD.driven(sighted_policy().robot), load_plant("C.1")
+    policy, states = policy_of(sighted_policy()), random_states()[:20]
+    plants = [policy_plant(each, policy.robot) for each in (LEADERBOARD, load_plant("C.1"))]
     with jax.enable_x64(True):
-        controller, states = in_double(sighted_policy()), random_states()[:20]
-
-    @jax.jit
-    @jax.vmap
-    def torques(parameters: Plant):
-        base, joint = base_parameters(parameters, jnp), controller.robot.joint
-        return jax.vmap(lambda x: controller.control(None, jnp.zeros(()), x, base)[1][joint])(jnp.asarray(states))
-
-    with jax.enable_x64(True):
-        found = np.asarray(torques(jax.tree.map(lambda *each: jnp.array(each), *plants)))
-    told = NumpyNetwork(policy_of(sighted_policy()))
-    for row, parameters in zip(found, plants, strict=True):
-        plant = policy_plant(parameters, controller.robot)
-        network = NumpyNetwork(dataclasses.replace(policy_of(sighted_policy()), plant=plant))
+        controller = in_double(sighted_policy())
+        batch = jax.tree.map(lambda *each: jnp.array(each), *plants)
+        bases = jax.jit(jax.vmap(lambda plant: base_parameters(plant, jnp)))(batch)
+        each_state = jax.vmap(lambda x, base: controller.control(None, jnp.zeros(()), x, base)[1][1], (0, None))
+        found = np.asarray(jax.jit(jax.vmap(each_state, (None, 0)))(jnp.asarray(states), bases))
+    told = NumpyNetwork(policy)
+    for row, plant in zip(found, plants, strict=True):
+        network = NumpyNetwork(dataclasses.replace(policy, plant=plant))
         expected = [network(x) for x in states]
         np.testing.assert_allclose(row, expected, rtol=0, atol=1e-11)
         told.set_plant(base_parameters(plant).tolist())
         np.testing.assert_allclose([told(x) for x in states], expected, rtol=0, atol=1e-13)
     assert np.abs(found[0] - found[1]).max() > 0.01
-
-
-def test_a_policy_that_sees_the_state_alone_is_the_same_for_all_plants():
-    controller, x = small_policy(), jnp.array([0.5, -0.4, 1.0, 2.0])
-    assert not controller.policy.sees_plant
-    told = controller.control(None, 0.0, x, jnp.zeros(9))[1]
-    np.testing.assert_array_equal(told, controller(None, 0.0, x)[1])
 
 
 BY_HAND = {
