@@ -43,9 +43,7 @@ def rk4(p, x, u, dt):
 class World:
     """What disturbs a run; the noise is given as numbers, row by row."""
 
-    def __init__(
-        self, steps, response=1.0, delay=0, pushes=None, velocity_noise=0.0, torque_noise=0.0, stop=np.inf
-    ):
+    def __init__(self, steps, response=1, delay=0, pushes=None, velocity_noise=0, torque_noise=0, stop=np.inf):
         self.response, self.delay, self.pushes, self.stop = response, delay, pushes, stop
         noises = velocity_noise, torque_noise
         self.velocity_noise, self.torque_noise = (np.broadcast_to(each, (steps, 2)) for each in noises)

@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import swingup
 from refusals import refusal
 from swingup.benchmark.grid import change_grid
 from swingup.benchmark.judge import judge
@@ -82,11 +81,9 @@ class Network(AbstractController):
 
 @pytest.mark.slow
 def test_controllers_may_hold_what_is_no_array():
+    """The checker: tests/controllers/test_check.py."""
     controller = Network(eqx.nn.MLP(4, 2, 8, 1, key=jax.random.key(0)), "mine")
-    assert swingup.check_controller(controller, "acrobot")[0].startswith("it commands up to")
-    trajectory = judge(controller, "acrobot").trajectory
-    assert np.isfinite(trajectory.x).all()
-    assert np.ptp(trajectory.u[:, 1]) > 0  # it is the network that acts; where it spins the pendulum to is chaos
+    assert np.ptp(judge(controller, "acrobot").trajectory.u[:, 1]) > 0  # it is the network that acts
     assert judge(controller, "acrobot", loose("delay")).values["delay"] == 100.0
 
 

@@ -15,7 +15,6 @@ from swingup.benchmark.plausibility import examine
 from swingup.benchmark.runner import prepare
 from swingup.benchmark.score import score
 from swingup.controllers.registry import get_controller
-from swingup.dynamics.integrate import friction_rate, stable_substeps
 from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.plant.robots import get_robot
 from swingup.plant.units import scaled, scales_of
@@ -49,8 +48,6 @@ def test_torques_end_at_the_plants_limit():
 def test_friction_that_one_step_of_rk4_cannot_hold_is_integrated_in_several():
     """λ dt = 4.07, where RK4 diverges above 2.79. The elbow creeps: cf arctan(100 dq2) is near the torque."""
     stiff = dataclasses.replace(load_plant("cloudpendulum-rods"), cf1=3e-4, cf2=3e-4)
-    assert friction_rate(stiff) * 0.002 == pytest.approx(4.07, abs=0.01)
-    assert stable_substeps(stiff, 0.002) == 2
     trajectory = judge(lambda x, t: [0.0, 1.5e-4], "acrobot", PERFORMANCE, plant=stiff).trajectory
     # tan(1.5e-4 / 3e-4) / 100 = 0.0055 rad/s.
     assert trajectory.x[-10:, 3] == pytest.approx(np.full(10, 0.0055), abs=5e-4)
@@ -81,8 +78,8 @@ def test_disturbances_are_in_the_plants_own_units(similar):
     assert ends == pytest.approx(own)
     sweeps = grid.velocity_noise, grid.torque_noise, grid.torque_response, grid.delay
     assert [each.high for each in sweeps] == pytest.approx([0.5 * 2, 1.1 * 0.025, 2.0, 0.04 * 0.5])
-    assert grid.perturbations.amplitude == pytest.approx((0.0125, 0.125))
-    assert grid.perturbations.width == pytest.approx((0.025, 0.05))
+    pushes = grid.perturbations
+    assert (*pushes.amplitude, *pushes.width) == pytest.approx((0.0125, 0.125, 0.025, 0.05))
     assert grid.tolerance == pytest.approx((0.35, 0.35, 2.0, 2.0))
     thrown = scaled(UPTIME, units)
     pid = thrown.thrower

@@ -22,7 +22,6 @@ MODEL = LEADERBOARD.driven(get_robot("acrobot"))
 ANGLE, SPEED = 3.5 * math.pi, 20.0
 GOALS = np.random.default_rng(3).uniform(-math.pi, math.pi, (101, 2))
 PID = Thrower(kp=2.0, ki=0.0, kd=0.3, dt=0.001, limit=6.0, proportional_limit=3.0)
-NO_STOP = Stop(Limits(math.inf, math.inf))
 CALLS = 3500
 
 
@@ -44,7 +43,7 @@ def follow(times, states, plan, goals=GOALS):
     plan = np.concatenate([plan, np.full(5 - len(plan), np.inf)])
     times, states = (np.pad(rows, [(0, CALLS - count)] + [(0, 0)] * (rows.ndim - 1)) for rows in (times, states))
     with jax.enable_x64(True):
-        resets = Resets(plan, goals, 1.0, 10, Limits(ANGLE, SPEED), PID, MODEL, NO_STOP)
+        resets = Resets(plan, goals, 1.0, 10, Limits(ANGLE, SPEED), PID, MODEL, Stop(Limits(math.inf, math.inf)))
         done, memories = jax.tree.map(np.asarray, called(resets, times, states))
     answers = [text(t, x) for t, x in zip(times[:count], states, strict=False)]
     expected = np.array([np.full(2, np.nan) if u is None else u for u in answers])
@@ -135,7 +134,7 @@ class Text:
     """The example in plain Python: a list of (kind, value, anywhere), taken in turn."""
 
     def __init__(self, events):
-        self.events, self.now, self.since, self.began, self.last = list(events), None, 0.0, 0.0, 0.0
+        self.events, self.now, self.since, self.began = list(events), None, 0.0, 0.0
 
     def __call__(self, t, x):
         """What acts now, and the torque of a move."""
@@ -153,21 +152,19 @@ class Text:
                 self.since = t
             if t - self.since >= (0.2 if anywhere else 3.0):
                 self.now, self.began = self.events.pop(0), t
-        self.last = t
         if self.now is None:
             return "none", np.zeros(2)
         if self.now[0] == "kick":
             return "kick", np.array([self.now[1], 0.0])
-        error = np.array([turned(self.now[1][i] - x[i]) for i in range(2)])
-        return "move", 0.1 * error - 0.004 * x[2:] - gravity(CELLS.plant.values(), x)
+        return "move", 0.1 * errors(x, self.now[1]) - 0.004 * x[2:] - gravity(CELLS.plant.values(), x)
 
 
-def turned(angle):
-    return math.remainder(angle, 2 * math.pi)
+def errors(x, target):
+    return np.array([math.remainder(target[i] - x[i], 2 * math.pi) for i in range(2)])
 
 
 def near(x, target):
-    return all(abs(turned(target[i] - x[i])) < 0.3 for i in range(2))
+    return np.abs(errors(x, target)).max() < 0.3
 
 
 def events_of(given):

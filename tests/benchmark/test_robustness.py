@@ -1,6 +1,7 @@
 """The robustness score and its grid, against their definitions and against loops written independently."""
 
 import dataclasses
+import functools
 import json
 import math
 
@@ -151,17 +152,12 @@ def test_pushes_keep_the_benchmarks_distribution():
 
 
 def test_other_grids(robot):
-    changed = V2
-    for text, field, expected in (
-        ("delay=0:0.02:5", "delay", Sweep(0.0, 0.02, 5, 1)),
-        ("velocity_noise=0:1:3", "velocity_noise", Sweep(0.0, 1.0, 3, 10)),
-        ("torque_noise=0.5:1:3:2", "torque_noise", Sweep(0.5, 1.0, 3, 2)),
-    ):
-        assert getattr(change_grid(V2, text), field) == expected
-        changed = change_grid(changed, text)
-    assert changed.name == "robustness delay=0:0.02:5 velocity_noise=0:1:3 torque_noise=0.5:1:3:2"
-    changed = change_grid(change_grid(changed, "m1r1=0.5:1.5:3"), "perturbations=7")
-    assert changed.model["m1r1"].sweep == Sweep(0.5, 1.5, 3)
+    texts = "delay=0:0.02:5", "velocity_noise=0:1:3", "torque_noise=0.5:1:3:2", "m1r1=0.5:1.5:3", "perturbations=7"
+    changed = functools.reduce(change_grid, texts, V2)
+    assert changed.name == " ".join(["robustness", *texts])
+    found = changed.delay, changed.velocity_noise, changed.torque_noise, changed.model["m1r1"].sweep
+    values = ((0.0, 0.02, 5, 1), (0.0, 1.0, 3, 10), (0.5, 1.0, 3, 2), (0.5, 1.5, 3))
+    assert found == tuple(Sweep(*each) for each in values)
     assert len(make_cases(robot, changed, "perturbations", 0)) == 7
     assert len(make_cases(robot, changed, "model", 0)) == 210 - 21 + 3
 

@@ -37,16 +37,18 @@ BRIEF = dataclasses.replace(
 @pytest.mark.parametrize(("name", "least", "most"), [("acrobot", 0.5, 0.75), ("pendubot", 0.2, 0.5)])
 def test_the_ten_sets_of_pushes(name, least, most):
     sets = [IROS.trial_pushes(get_robot(name), trial) for trial in range(20)]
-    for pushes in sets:
-        assert pushes.centre.shape == (2, 2)  # two on each of the two joints
-        assert np.diff(np.sort(pushes.centre.ravel())).min() >= 1.0
-        assert np.all((pushes.width >= 0.05) & (pushes.width <= 0.1))
-        assert np.all((np.abs(pushes.amplitude) >= least) & (np.abs(pushes.amplitude) <= most))
-        assert np.all((pushes.centre > 0) & (pushes.centre < 10.0))
+    centre, width, peak = (
+        np.array([getattr(each, of) for each in sets]) for of in ("centre", "width", "amplitude")
+    )
+    assert centre.shape == (20, 2, 2)  # two on each of the two joints
+    assert np.diff(np.sort(centre.reshape(20, 4))).min() >= 1.0
+    assert 0.0 < centre.min() <= centre.max() < 10.0
+    assert 0.05 <= width.min() <= width.max() <= 0.1
+    assert least <= np.abs(peak).min() <= np.abs(peak).max() <= most
     # Both signs come, no two of ten are alike, and trial 10 has the pushes of trial 0.
-    assert {*np.sign([each.amplitude for each in sets]).ravel()} == {-1.0, 1.0}
-    assert len({each.centre.tobytes() for each in sets}) == 10
-    np.testing.assert_array_equal(sets[3].amplitude, sets[13].amplitude)
+    assert {*np.sign(peak).ravel()} == {-1.0, 1.0}
+    assert len({each.tobytes() for each in centre}) == 10
+    np.testing.assert_array_equal(peak[3], peak[13])
 
 
 def test_a_trial_agrees_with_a_numpy_loop(robot):
