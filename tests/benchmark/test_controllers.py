@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from refusals import refusal
+from swingup import AbstractController, judge
 from swingup.benchmark.grid import change_grid
-from swingup.benchmark.judge import judge
-from swingup.controllers.interface.controller import AbstractController
 
 from .controllers import BRIEF, SWINGING, Counting, Memoryless, PlainCounting, swinging
 

@@ -7,14 +7,12 @@ import logging
 import numpy as np
 import pytest
 
+from swingup import get_controller, judge, score
 from swingup.benchmark.board import Setting
 from swingup.benchmark.boards import ICRA_REAL, ROBUSTNESS, UPTIME
 from swingup.benchmark.boards import PERFORMANCE as BOARD
-from swingup.benchmark.judge import judge
 from swingup.benchmark.plausibility import examine
 from swingup.benchmark.runner import prepare
-from swingup.benchmark.score import score
-from swingup.controllers.registry import get_controller
 from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.plant.robots import get_robot
 from swingup.plant.units import scaled, scales_of

@@ -10,15 +10,11 @@ import numpy as np
 import pytest
 
 from refusals import refusal
-from swingup.benchmark.boards import BOARDS
-from swingup.benchmark.judge import judge
+from swingup import BOARDS, SwingupError, get_controller, judge, score
 from swingup.benchmark.plausibility import examine
 from swingup.benchmark.rollout import Trajectory
-from swingup.benchmark.score import score
 from swingup.benchmark.trajectory_file import load_trajectory
 from swingup.cli import main
-from swingup.common.errors import SwingupError
-from swingup.controllers.registry import get_controller
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.plant.robots import get_robot

@@ -173,4 +173,7 @@ def test_a_disturbance_has_the_boards_own_period_and_duration():
     # Seven gaps of at least 0.5 s, at both ends too.
     centres = np.asarray(disturbance["pushes"]["centre"])
     assert np.all((centres >= 0.5) & (centres <= 3.5))
+    again, other = (settings.draw(0.005, 4.0, seed) for seed in (3, 4))
+    np.testing.assert_array_equal(again.pushes.centre, centres)
+    assert not np.any(other.pushes.centre == centres)
     assert "do not fit into 4 s" in refusal(DisturbanceSettings(pushes=PushRules()).draw, 0.005, 4.0, 0)

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from jaxtyping import Array
 
+from swingup import AbstractController, judge
 from swingup.benchmark.disturbances import draw_pushes
-from swingup.benchmark.judge import judge
 from swingup.benchmark.rollout import Scenario, simulate
 from swingup.benchmark.rules import PushRules
 from swingup.benchmark.runner import run_one
-from swingup.controllers.interface.controller import AbstractController
 from swingup.controllers.interface.python_controller import PythonController
 from swingup.dynamics.integrate import rk4_steps
 from swingup.loop.disturbance import step_noise, undisturbed

@@ -7,18 +7,15 @@ import math
 import numpy as np
 import pytest
 
+from swingup import get_controller, judge, load_plant, score
 from swingup.benchmark.board import Case, Setting
 from swingup.benchmark.boards import BOARDS, IROS_REAL, SIM2REAL
 from swingup.benchmark.criteria import realai_score
 from swingup.benchmark.interval import interquartile_interval, interquartile_mean, share_interval
-from swingup.benchmark.judge import judge
 from swingup.benchmark.recording import recorded
 from swingup.benchmark.rollout import Record, Scenario, Trajectory
-from swingup.benchmark.score import score
-from swingup.controllers.registry import get_controller
 from swingup.loop.domain import make_domain
 from swingup.loop.supervisors.limits import Limits
-from swingup.plant.plant import load_plant
 from swingup.plant.robots import get_robot
 
 from .controllers import FRICTION, HANGING, SWINGING, swinging

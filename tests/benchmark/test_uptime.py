@@ -7,11 +7,10 @@ import math
 import numpy as np
 import pytest
 
+from swingup import judge, score
 from swingup.benchmark.boards import ICRA_REAL, UPTIME
-from swingup.benchmark.judge import judge
 from swingup.benchmark.plausibility import examine
 from swingup.benchmark.rollout import Trajectory
-from swingup.benchmark.score import score
 from swingup.benchmark.uptime_board import draw_resets, draw_throws
 from swingup.loop.supervisors.limits import Limits
 from swingup.loop.supervisors.throws import TURNS, thrown_states

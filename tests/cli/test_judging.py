@@ -7,14 +7,12 @@ import pytest
 import yaml
 
 from policies import lone_policy
-from swingup.benchmark.boards import BOARDS
+from swingup import BOARDS, SwingupError, load_plant
 from swingup.benchmark.columns import COLUMNS
 from swingup.benchmark.leaderboard import Row, Table, published_rows
 from swingup.cli import judging, main
 from swingup.cli.tables import TABLE_FORMATS, show_tables
-from swingup.common.errors import SwingupError
 from swingup.controllers.stack.controller import save_controller
-from swingup.plant.plant import load_plant
 from swingup.plant.robots import ROBOTS
 
 KEYS = [

@@ -97,10 +97,3 @@ def test_sections_judge_everybody_with_one_disturbance(monkeypatch):
     assert [show["name"] for show in second["shows"]] == ["ar-eapo"]
     assert "is for the acrobot, not the pendubot" in html
     assert "(seed 3)" in html
-
-
-def test_the_disturbance_repeats_and_depends_on_the_seed():
-    first, again, other = (make.disturb(LEADERBOARD).draw(0.002, 10.0, seed) for seed in (0, 0, 1))
-    np.testing.assert_array_equal(first.pushes.centre, again.pushes.centre)
-    assert not np.array_equal(first.pushes.centre, other.pushes.centre)
-    assert not np.array_equal(first.noise, other.noise)

@@ -35,11 +35,8 @@ def result(value=50.0, **changes):
 
 
 def curve(seed=0, offset=0.0):
-    scores = [0.0, 0.4 + offset, 0.2 + offset]
-    return [
-        {"seed": seed, "frames": 1_000_000 * (k + 1), "reward": -0.5 + 0.1 * k + offset, "score": score}
-        for k, score in enumerate(scores)
-    ]
+    values = [(1e6, -0.5 + offset, 0.0), (2e6, -0.4 + offset, 0.4 + offset), (3e6, -0.3 + offset, 0.2 + offset)]
+    return [dict(zip(("seed", "frames", "reward", "score"), (seed, *each), strict=True)) for each in values]
 
 
 def plotted(kind, *given):
@@ -68,10 +65,9 @@ def test_time_series_show_the_columns_of_every_trajectory():
     axes = np.array(plotted("trajectory", given, "acrobot").axes).reshape(3, 2)
     for column, (name, trajectory) in enumerate(given.items()):
         positions, velocities, torques = (lines(each) for each in axes[:, column])
-        for joint in (0, 1):
-            assert_data(positions[f"q{joint + 1}"], trajectory.time, trajectory.x[:, joint])
-            assert_data(velocities[f"dq{joint + 1}"], trajectory.time, trajectory.x[:, 2 + joint])
-        assert_data(torques["u2"], trajectory.time, trajectory.u[:, 1])
+        drawn = positions["q1"], positions["q2"], velocities["dq1"], velocities["dq2"], torques["u2"]
+        for line, values in zip(drawn, [*trajectory.x.T, trajectory.u[:, 1]], strict=True):
+            assert_data(line, trajectory.time, values)
         assert torques["u2"].get_drawstyle() == "steps-post"  # held over each step
         assert "u1" not in torques  # a passive joint shows only where it has torque
         assert axes[0, column].get_title().startswith(f"{name}, up at ")
@@ -104,9 +100,8 @@ def test_angles_are_unwrapped_and_start_near_hanging():
 
 
 def test_goal_is_the_upright_angle_nearest_to_the_end():
-    turn = 2 * math.pi
-    for end, goal in (((3.0, 0.1), (0.5, 0)), ((-3.0, -6.0), (-0.5, -1)), ((9.0, 13.0), (1.5, 2))):
-        np.testing.assert_allclose(upright_near(np.array(end)), turn * np.array(goal))
+    for end, turns in (((3.0, 0.1), (0.5, 0)), ((-3.0, -6.0), (-0.5, -1)), ((9.0, 13.0), (1.5, 2))):
+        np.testing.assert_allclose(upright_near(np.array(end)), 2 * np.pi * np.array(turns))
 
 
 def test_phase_portraits_show_each_joint_from_start_to_goal():
@@ -249,25 +244,17 @@ def test_a_figure_is_the_same_every_time_whatever_the_global_settings():
         assert dict(matplotlib.rcParams) == before
 
 
-@pytest.fixture
-def inputs(tmp_path):
-    """One good file for each kind of plot."""
+def test_every_kind_is_saved(tmp_path):
     run, score, metrics = (tmp_path / name for name in ("run.csv", "score.json", "metrics.jsonl"))
     save_trajectory(run, swing(rows=30))
     score.write_text(json.dumps(result()), encoding="utf-8")
     metrics.write_text("".join(json.dumps(row) + "\n" for row in curve()), encoding="utf-8")
-    return {"trajectory": run, "phase": run, "animation": run, "robustness": score, "curve": metrics}
-
-
-SAVED = {
-    "trajectory": ("a.png", b"\x89PNG"), "phase": ("a.svg", b"<?xml"), "robustness": ("a.pdf", b"%PDF"),
-    "curve": ("a.PNG", b"\x89PNG"), "animation": ("a.gif", b"GIF89a"),
-}  # fmt: skip
-
-
-def test_every_kind_is_saved(tmp_path, inputs):
-    for kind, (out, start) in SAVED.items():
-        plot(kind, [inputs[kind]], tmp_path / out)
+    for kind, file, out, start in (
+        ("trajectory", run, "a.png", b"\x89PNG"), ("phase", run, "a.svg", b"<?xml"),
+        ("robustness", score, "a.pdf", b"%PDF"), ("curve", metrics, "a.PNG", b"\x89PNG"),
+        ("animation", run, "a.gif", b"GIF89a"),
+    ):  # fmt: skip
+        plot(kind, [file], tmp_path / out)
         assert (tmp_path / out).read_bytes().startswith(start)
     assert len(list(tmp_path.iterdir())) == 3 + 5
 
