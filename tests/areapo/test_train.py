@@ -157,7 +157,7 @@ def test_statistics_take_in_the_states_after_resets_and_before_normalising():
     start = init(jax.random.key(0), CYCLE, CONFIG)
     state, rollout = collect(start, CYCLE, CONFIG)
     seen = [0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0]
-    before_reset = [1.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0, 0.0]
+    after = [1.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0, 0.0]  # before a reset
 
     def normalised(value, count):
         """After ``count`` batches; the start (mean 0, variance 1) weighs 1e-4 against batches of 4."""
@@ -166,12 +166,12 @@ def test_statistics_take_in_the_states_after_resets_and_before_normalising():
         variance = (4.0 * (data**2).sum() + 1e-4) / (weight + 1e-4) - mean**2
         return np.clip((value - mean) / np.sqrt(variance + 1e-8), -10.0, 10.0)
 
-    expected = [normalised(seen[t], t + 1) for t in range(8)]
-    np.testing.assert_allclose(rollout.observations[..., 0], np.tile(np.array(expected)[:, None], 4), rtol=1e-3)
-    expected = [normalised(before_reset[t], t + 2) for t in range(8)]
-    np.testing.assert_allclose(
-        rollout.next_observations[..., 0], np.tile(np.array(expected)[:, None], 4), rtol=1e-3
-    )
+    for observations, values, before in (
+        (rollout.observations, seen[:8], 1),
+        (rollout.next_observations, after, 2),
+    ):
+        expected = [[normalised(value, t + before)] for t, value in enumerate(values)]
+        np.testing.assert_allclose(observations[..., 0], np.tile(expected, 4), rtol=1e-3)
     assert state.statistics.count == pytest.approx(36.0, abs=0.01)
 
 
@@ -185,9 +185,8 @@ def test_one_step_of_adam_by_hand(collected):
     frames = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), batch)
     before = (state.actor, state.critic)
     gradients = jax.jit(jax.grad(lambda networks: loss(networks, frames, config)[0]))(before)
-    leaves = [
-        [*map(np.asarray, jax.tree.leaves(tree))] for tree in (before, (after.actor, after.critic), gradients)
-    ]
+    trees = (before, (after.actor, after.critic), gradients)
+    leaves = [[*map(np.asarray, jax.tree.leaves(tree))] for tree in trees]
     size = np.sqrt(sum(np.sum(leaf**2) for leaf in leaves[2]))
     assert float(norm) == pytest.approx(size, rel=1e-4)
     assert size > 1e-2  # clipping matters

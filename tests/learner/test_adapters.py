@@ -12,7 +12,6 @@ import pytest
 from policies import load_any_policy
 from refusals import refusal
 from swingup import AREAPO
-from swingup.common.errors import SwingupError
 from swingup.gymnax import PendulumEnvironment
 from swingup.plant.robots import ROBOTS
 from swingup.tasks.adapters import as_task
@@ -224,9 +223,8 @@ def test_pendulum_resets_itself_as_gymnax_does():
     seen, states = jax.vmap(ACROBOT.reset, in_axes=(0, None))(jax.random.split(jax.random.key(1)), params)
     states = dataclasses.replace(states, time=jnp.array([1, 0]))
     actions, keys = jnp.array([[0.5], [0.5]]), jax.random.split(jax.random.key(2))
-    after, following, reward, terminated, truncated, info = jax.vmap(ACROBOT.step, in_axes=(0, 0, 0, None))(
-        keys, states, actions, params
-    )
+    step = jax.vmap(ACROBOT.step, in_axes=(0, 0, 0, None))
+    after, following, reward, terminated, truncated, info = step(keys, states, actions, params)
     assert seen.shape == (2, *ACROBOT.observation_space().shape)
     assert (truncated.tolist(), terminated.tolist()) == ([True, False], [False, False])
     assert following.time.tolist() == [0, 1]
@@ -246,7 +244,6 @@ def test_pendulum_clips_actions_and_has_bounded_spaces():
     space = ACROBOT.action_space()
     assert space.contains(space.sample(jax.random.key(0)))
     assert not space.contains(jnp.array([1.5]))
-    assert "for the acrobot, not for the pendubot" in refusal(PendulumEnvironment, "pendubot", SMOOTH)
 
 
 @pytest.mark.slow  # it is not installed with the tests: it asks for an older Gymnasium
@@ -276,13 +273,11 @@ def test_gymnax_itself():
 def test_a_terminating_environment_of_the_package():
     """In jumanji's Snake the head runs into a wall."""
     pytest.importorskip("jumanji", reason="jumanji is not installed: see docs/learner.md")
-    envelope = pytest.importorskip(
-        "envelope", reason="jax-envelope is not installed: pip install 'swingup[envelope]'"
-    )
+    missing = "jax-envelope is not installed: pip install 'swingup[envelope]'"
+    envelope = pytest.importorskip("envelope", reason=missing)
     inner = envelope.create("jumanji::Snake-v1", {"num_rows": 4, "num_cols": 4}, max_episode_steps=9)
     env = envelope.FlattenObservationWrapper(envelope.ContinuousObservationWrapper(inner))
-    with pytest.raises(SwingupError, match=r"several arrays: wrap it in envelope\.ContinuousObservationWrapper"):
-        EnvelopeTask(inner)
+    assert "several arrays: wrap it in envelope.ContinuousObservationWrapper" in refusal(EnvelopeTask, inner)
     task = EnvelopeTask(env)
     assert task.choices == (4,)
     # Always up, 0, from the contract's first start: stepped here by the package alone.
@@ -314,8 +309,7 @@ def test_an_environment_trains_saves_and_goes_on(tmp_path, name):
     # In the environment's shapes and bounds, [-1, 3].
     observations = np.random.default_rng(0).normal(size=(7, 1, 2))
     actions = model.predict(observations)
-    assert actions.shape == (7, 1, 1)
-    assert model.predict(observations[0]).shape == (1, 1)
+    assert (actions.shape, model.predict(observations[0]).shape) == ((7, 1, 1), (1, 1))
     assert np.all((actions > -1.0) & (actions < 3.0))
     model.save(tmp_path / "model.safetensors")
     model.export_policy(tmp_path / "policy.safetensors")

@@ -46,18 +46,14 @@ def test_whoever_loads_what_a_callback_saved_goes_on_as_the_saver_did(tmp_path):
     assert not same_weights(one, AREAPO(Noisy, seed=4, **TINY).learn(192))
 
 
-@pytest.mark.parametrize(
-    ("raised", "seen", "message"),
-    [
-        (ValueError("no\nway"), SwingupError, r"step\(\) of .* raised ValueError \(no way\)"),
-        (KeyboardInterrupt("now"), KeyboardInterrupt, "now"),
-    ],
-)
-def test_an_interrupted_learner_stands_where_it_stood(tmp_path, monkeypatch, raised, seen, message):
+@pytest.mark.parametrize("raised", [ValueError("no\nway"), KeyboardInterrupt("now")])
+def test_an_interrupted_learner_stands_where_it_stood(tmp_path, monkeypatch, raised):
+    faulty = isinstance(raised, ValueError)
+    message = r"step\(\) of .* raised ValueError \(no way\)" if faulty else "now"
     monkeypatch.setattr(Failing, "steps", 0)
     monkeypatch.setattr(Failing, "raises", raised)
     model = AREAPO(Failing, seed=3, folder=tmp_path / "run", **(TINY | {"evaluation_episodes": 0}))
-    with pytest.raises(seen, match=message):
+    with pytest.raises(SwingupError if faulty else KeyboardInterrupt, match=message):
         model.learn(128)
     assert model.frames == 64
     model.predict(np.zeros((2, 1)))
@@ -113,9 +109,8 @@ def test_predict_and_the_policy_file(noisy, tmp_path):
     assert all(space.contains(action) for action in drawn)
     assert len(np.unique(drawn, axis=0)) == 6
     # As Stable-Baselines3's evaluate_policy calls it, which takes a pair apart and gives the state back.
-    actions, state = noisy.predict(
-        np.zeros((3, 2, 1)), state=None, episode_start=np.ones(3, bool), deterministic=True
-    )
+    given = {"state": None, "episode_start": np.ones(3, bool), "deterministic": True}
+    actions, state = noisy.predict(np.zeros((3, 2, 1)), **given)
     np.testing.assert_array_equal(actions, several[:3])
     assert state is None
     assert "shape (3,): pass (2, 1)" in refusal(noisy.predict, np.zeros(3))
@@ -150,10 +145,8 @@ def test_seeds_train_as_each_does_alone(tmp_path):
     reports = []
     model.learn(192, lambda _, report: reports.append(report))
     assert [row["seed"] for report in reports for row in report.rows] == [3, 4] * 3
-    last = [row["score"] for row in reports[-1].rows]
-    assert reports[-1].score == max(last)
-    best = [row["best_score"] for row in reports[-1].rows]
-    assert reports[-1].best_score == max(best)
+    last, best = ([row[name] for row in reports[-1].rows] for name in ("score", "best_score"))
+    assert (reports[-1].score, reports[-1].best_score) == (max(last), max(best))
     alone = AREAPO(Noisy, seed=4, **TINY).learn(192)
     assert eqx.tree_equal(model._run.policies()[1].actor, alone._run.policies()[0].actor)
     # The learner acts by the best seed, also where it was loaded.

@@ -35,12 +35,6 @@ TINY = shlex.split(
 TASKS = {"compiled": ["pendubot"], "host": ["--env", "CartPole-v1", "--evaluation-episodes", "0"]}
 
 
-def start(arguments, cache):
-    command = [sys.executable, "-m", "swingup", *arguments]
-    environment = os.environ | {"XDG_CACHE_HOME": str(cache)}
-    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment)
-
-
 def kill_and_resume(folder, arguments, cache, kills, seed):
     """Train to the end through so many kills; returns how often a checkpoint was resumed from.
 
@@ -59,7 +53,9 @@ def kill_and_resume(folder, arguments, cache, kills, seed):
         if killed == kills:
             assert main(words) == 0
             return resumed
-        process = start(words, cache)
+        command = [sys.executable, "-m", "swingup", *words]
+        environment = os.environ | {"XDG_CACHE_HOME": str(cache)}
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=environment)
         if killed % 4 != 3:  # mostly in the midst of training, sometimes anywhere
             wait_for_reports(folder, process, (newest or 0) // 64 + moments.randint(1, 6))
         time.sleep(moments.uniform(0.0, 0.1 if killed % 4 != 3 else 4.0))
@@ -81,15 +77,13 @@ def wait_for_reports(folder, process, count):
         time.sleep(0.005)
 
 
-@contextlib.contextmanager
+@pytest.fixture
 def signals_as_they_were():
     """The command handles signals to its process's end."""
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
+    yield
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture
@@ -105,12 +99,12 @@ def best_score(row):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("signals_as_they_were")
 @pytest.mark.parametrize("task", ["compiled", "host"])
 def test_killed_processes_resume_to_the_same_bits(tmp_path, task):
     arguments = [*TASKS[task], "--frames", str(64 * (300 if task == "compiled" else 960)), *TINY]
-    with signals_as_they_were():
-        assert main(["train", *arguments, "--out", str(tmp_path / "whole")]) == 0
-        resumed = kill_and_resume(tmp_path / "part", arguments, tmp_path / "cache", kills=12, seed=4)
+    assert main(["train", *arguments, "--out", str(tmp_path / "whole")]) == 0
+    resumed = kill_and_resume(tmp_path / "part", arguments, tmp_path / "cache", kills=12, seed=4)
     assert resumed >= 6
     assert_same_files(tmp_path / "whole", tmp_path / "part")
     whole, part = measured(tmp_path / "whole"), measured(tmp_path / "part")

@@ -58,13 +58,9 @@ def test_the_small_preset_learns_on_a_pendulum_of_another_size(tmp_path):
     assert any(time is not None and time < 8 for time in times)
 
 
-@pytest.mark.parametrize("preset_size", [Config(), Config(num_envs=8, num_steps=256, batch_size=128)])
-def test_usual_sizes_are_no_matter(preset_size):
-    weights, rollouts = training_bytes(preset_size, Spaces(6, 1))
-    assert weights + rollouts < 200e6
-    check_memory(preset_size, Spaces(6, 1), seeds=5)
-
-
-def test_where_nobody_tells_the_memory_nothing_is_refused(monkeypatch):
+def test_usual_sizes_are_no_matter_and_without_a_known_memory_nothing_is_refused(monkeypatch):
+    for usual in (Config(), Config(num_envs=8, num_steps=256, batch_size=128)):
+        assert sum(training_bytes(usual, Spaces(6, 1))) < 200e6
+        check_memory(usual, Spaces(6, 1), seeds=5)
     monkeypatch.setattr(memory, "available_bytes", lambda: None)
     check_memory(Config(policy_layers=(10**6, 10**6)), Spaces(6, 1))
