@@ -36,8 +36,6 @@ from swingup.plant.units import scales_of, similar_plant
 
 ACROBOT = get_robot("acrobot")
 NOMINAL = LEADERBOARD.driven(ACROBOT)
-SLOW = pytest.mark.slow
-"""The MPC compiles for 20 s."""
 
 
 def drawn_plant(seed):
@@ -124,7 +122,7 @@ def test_a_search_gets_longer_until_it_comes_up(monkeypatch, x64):
 
 
 @pytest.mark.parametrize(
-    "name", ["lqr", "tvlqr", "ilqr-riccati", "tvlqr-score", pytest.param("ilqr-mpc", marks=SLOW)]
+    "name", ["lqr", "tvlqr", "ilqr-riccati", "tvlqr-score", pytest.param("ilqr-mpc", marks=pytest.mark.slow)]
 )
 def test_baselines_command_what_the_plants_own_motor_has_and_no_more(name, robot, x64, monkeypatch):
     def resting(design, problem):

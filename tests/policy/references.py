@@ -107,17 +107,17 @@ def policy(name):
     return load_policy(kind, robot)
 
 
-def untrained(size, layers, seed):
+def untrained(size, seed):
     """An actor in single precision, as a file has it."""
     with jax.enable_x64(False):
-        return jax.tree.map(lambda leaf: leaf + 0.1, new_actor(size, layers, seed))
+        return jax.tree.map(lambda leaf: leaf + 0.1, new_actor(size, (16, 12), seed))
 
 
 def small_policy(normalised=True):
     """A small untrained policy of the pendubot with the paper's observation."""
     normalise = NormaliseStage(mean=np.linspace(-1, 1, 4), variance=np.linspace(0.5, 2, 4), clip=1.0)
     stages = (PendulumStage("wrapped", 20.0), *([normalise] if normalised else []))
-    return PolicyController(Policy(stages, untrained(4, (16, 12), 0)), 3.0, get_robot("pendubot"))
+    return PolicyController(Policy(stages, untrained(4, 0)), 3.0, get_robot("pendubot"))
 
 
 def sighted_policy():
@@ -128,7 +128,7 @@ def sighted_policy():
     centre, scale = base * np.linspace(1.3, 0.7, 9), 2 * np.abs(base)
     scale[8] = 0.01 * base[8]
     stages = (PendulumStage("sincos", 20.0), PlantStage(centre, scale, clip=1.0))
-    return PolicyController(Policy(stages, untrained(15, (16, 12), 1)), 3.0, get_robot("acrobot"), plant=plant)
+    return PolicyController(Policy(stages, untrained(15, 1)), 3.0, get_robot("acrobot"), plant=plant)
 
 
 def in_double(controller):

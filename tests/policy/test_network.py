@@ -65,10 +65,6 @@ def test_every_entry_lies_in_the_unit_interval_and_has_the_dtype_of_the_state(x6
     assert np.abs(observed).max() <= 1.0
 
 
-STAGE = PlantStage(np.linspace(-1, 1, 9), np.linspace(1, 2, 9), clip=2.0)
-STATE = PendulumStage("sincos")
-
-
 def outputs(network, seen):
     """Heads of a network, in double precision."""
     for weight, bias in ((each.weight, each.bias) for each in network.trunk):
@@ -81,12 +77,13 @@ def outputs(network, seen):
 def test_a_folded_network_gives_the_same(depth):
     trunk = (random_layer(7, 15, 1),) * depth
     size = 7 if depth else 15
-    network = Network((STATE, STAGE), trunk, random_layer(1, size, 2), random_layer(1, size, 3))
+    state, plant = PendulumStage("sincos"), PlantStage(np.linspace(-1, 1, 9), np.linspace(1, 2, 9), clip=2.0)
+    network = Network((state, plant), trunk, random_layer(1, size, 2), random_layer(1, size, 3))
     base, seen = np.arange(9.0), np.linspace(-1, 1, 6)
     # By hand: (0 + 1)/1 = 1, and (1 + 0.75)/1.125 = 1.56; then (2 + 0.5)/1.25 = 2, and all others are clipped to 2.
     inputs = np.array([1, 1.75 / 1.125, 2, 2, 2, 2, 2, 2, 2])
     folded = fold(network, base)
-    assert folded.stages == (STATE,)
+    assert folded.stages == (state,)
     found, expected = outputs(folded, seen), outputs(network, np.concatenate([seen, inputs]))
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
 

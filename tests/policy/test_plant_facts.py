@@ -33,18 +33,15 @@ WIDE = dataclasses.replace(load_plant("C.1"), tl1=10.0, tl2=10.0, name="mine.yml
 MINE = policy_plant(WIDE, ACROBOT)
 
 
-STATE, TORQUES = (0.4, -0.8, 3.0, -2.0), (1.0, -2.0)
-
-
 def test_the_damped_step_follows_the_equations():
     """Against 2,000 small steps: the error of one step of h falls with its square, where friction is smooth."""
     rough = dataclasses.replace(MINE, b1=0.05, b2=0.02, cf1=0.1, cf2=0.1)
-    plant, u, errors = rough.values(), np.array(TORQUES), []
+    start, torques, plant, errors = (0.4, -0.8, 3.0, -2.0), (1.0, -2.0), rough.values(), []
     for h in (0.008, 0.004):
-        x, small = np.array(STATE), h / 2000
+        x, small = np.array(start), h / 2000
         for _ in range(2000):
-            x = x + small * derivative(plant, x + small / 2 * derivative(plant, x, u), u)
-        found = damped_midpoint_step(lump(rough), rough.friction, STATE, TORQUES, h, ARRAYS)
+            x = x + small * derivative(plant, x + small / 2 * derivative(plant, x, torques), torques)
+        found = damped_midpoint_step(lump(rough), rough.friction, start, torques, h, ARRAYS)
         errors.append(np.abs(np.array(found) - x).max())
     assert errors[0] < 4e-3
     assert errors[0] / errors[1] > 3.5
