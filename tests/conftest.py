@@ -2,6 +2,7 @@
 
 import ctypes
 import dataclasses
+import functools
 import gc
 import importlib.metadata
 import os
@@ -69,10 +70,9 @@ def x64():
 @pytest.fixture(scope="session")
 def small_grid():
     """Rules of IROS 2024 with all six criteria, but fewer values and repetitions: 52 simulations, each of 4 s."""
-    grid = ROBUSTNESS
-    texts = ["velocity_noise=0:0.5:3:3", "torque_noise=0:1.1:3:3", "torque_response=0.1:2:3", "delay=0:0.04:3"]
-    for text in [*texts, "perturbations=8"]:
-        grid = change_grid(grid, text)
+    noises = "velocity_noise=0:0.5:3:3", "torque_noise=0:1.1:3:3"
+    changes = *noises, "torque_response=0.1:2:3", "delay=0:0.04:3", "perturbations=8"
+    grid = functools.reduce(change_grid, changes, ROBUSTNESS)
     model = {
         name: dataclasses.replace(each, sweep=dataclasses.replace(each.sweep, count=2))
         for name, each in grid.model.items()
