@@ -384,33 +384,27 @@ def test_the_best_settings_of_the_commands_search_train_the_same_run(tmp_path, c
 # Dask
 
 
-@pytest.fixture
-def cluster(tmp_path):
-    """A Dask scheduler and two workers on this machine."""
-    distributed = pytest.importorskip("distributed")
-    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
-    with distributed.LocalCluster(**options, local_directory=str(tmp_path)) as cluster:
-        yield cluster
-
-
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")
-def test_a_dask_worker_is_killed_and_no_run_is_lost(cluster, tmp_path):
-    address, killed = cluster.scheduler_address, []
+def test_a_dask_worker_is_killed_and_no_run_is_lost(tmp_path):
+    distributed, killed = pytest.importorskip("distributed"), []
 
     def kill_one(job, row):
         if not killed:  # the others are under way or waiting
             killed.append(cluster.workers[0].pid)
             os.kill(killed[0], signal.SIGKILL)
 
-    with workers_for(address) as (executor, count):
-        assert count == 2
-        rows = run_jobs(jobs_of(tmp_path / "dask", (0, 1, 2, 3), 128 * 6), executor, kill_one)
+    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
+    with distributed.LocalCluster(**options, local_directory=str(tmp_path)) as cluster:
+        with workers_for(cluster.scheduler_address) as (executor, count):
+            assert count == 2
+            rows = run_jobs(jobs_of(tmp_path / "dask", (0, 1, 2, 3), 128 * 6), executor, kill_one)
+        space = dict(each.split("=") for each in [*SIZE_WORDS, "learning_rate=1e-4:1e-2:log"])
+        with workers_for(cluster.scheduler_address) as (executor, _):
+            given = {"frames": 256, "executor": executor, **INTERVALS}
+            study = swingup.search("CartPole-v1", space, 2, tmp_path / "s", **given)
     assert killed
     assert scores(rows) == scores(inline(jobs_of(tmp_path / "here", (0, 1, 2, 3), 128 * 6)))
-    space = {"learning_rate": "1e-4:1e-2:log"} | {name: format_value(values[0]) for name, values in TINY.items()}
-    with workers_for(address) as (executor, _):
-        study = swingup.search("CartPole-v1", space, 2, tmp_path / "s", frames=256, executor=executor, **INTERVALS)
     assert [trial.state.name for trial in study.trials] == ["COMPLETE", "COMPLETE"]
 
 

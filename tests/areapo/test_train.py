@@ -226,17 +226,6 @@ def test_noise_that_costs_much_reward_is_lowered_after_the_first_rollout(collect
     np.testing.assert_allclose(np.exp(fitted.actor(jnp.zeros(3)).log_std), expected, rtol=1e-5)
 
 
-def test_table_one():
-    """The paper's hyperparameters, one by one (Table I; λ, η and the networks as there)."""
-    paper = Config()
-    assert (paper.temperature, paper.gae_lambda, paper.discount) == (2.0, (0.8, 0.6), (1.0, 1.0))
-    assert (paper.clip_range, paper.gain_step_size, paper.learning_rate) == (0.05, 0.01, 5e-4)
-    assert paper.value_coefficient == (0.25, 0.5 * 0.25)  # c2 = 0.5
-    assert (paper.log_std_init, paper.max_grad_norm) == (-1.0, 10.0)
-    assert (paper.num_envs, paper.num_steps, paper.num_epochs, paper.batch_size) == (64, 128, 6, 1024)
-    assert (paper.policy_layers, paper.value_layers) == ((256, 256), (512, 512))
-
-
 def test_truncations_and_resets_have_their_distributions(resetting):
     """In 512 environments for 8 steps: their number at p = 0.1, and the first states where every step resets."""
     start, state, _ = resetting
