@@ -1,3 +1,5 @@
+"""Dynamics beside the reference, other derivations and numbers by hand; angles, sines and arctangents."""
+
 import dataclasses
 import functools
 from pathlib import Path
@@ -8,7 +10,9 @@ import numpy as np
 import pytest
 
 from swingup.dynamics import dynamics
+from swingup.dynamics.angles import UPRIGHT, wrap, wrap_difference
 from swingup.dynamics.integrate import rk4_step
+from swingup.dynamics.trigonometry import arctan, sine_cosine
 from swingup.plant.plant import LEADERBOARD, NAMES, Plant, load_plant
 from swingup.plant.robots import ROBOTS
 
@@ -163,3 +167,56 @@ def test_results_have_the_dtype_of_the_state(dtype):
         for function in functions:
             leaves = jax.tree.leaves(jax.eval_shape(function, load_plant("C.1"), *given))
             assert {leaf.dtype.name for leaf in leaves} == {dtype}, function
+
+
+def test_wrapped_states_by_hand():
+    """q1 to [0, 2π) and q2 to [-π, π): the ends belong to the ranges once."""
+    for q, wrapped in (
+        ((0, 0), (0, 0)),
+        ((-0.1, np.pi + 0.1), (2 * np.pi - 0.1, -np.pi + 0.1)),
+        ((2 * np.pi + 0.1, np.pi), (0.1, -np.pi)),
+        ((7 * np.pi, -8.5 * np.pi), (np.pi, -np.pi / 2)),
+    ):
+        np.testing.assert_allclose(wrap(jnp.array([*q, 30.0, -40.0])), [*wrapped, 30.0, -40.0], atol=1e-12)
+    np.testing.assert_array_equal(wrap(jnp.asarray(UPRIGHT)), UPRIGHT)
+
+
+def test_differences_are_the_same_in_numpy_and_jax():
+    angles = np.random.default_rng(0).uniform(-30, 30, (100, 2))
+    found = wrap_difference(angles)
+    assert isinstance(found, np.ndarray)
+    assert np.all((found >= -np.pi) & (found < np.pi))
+    np.testing.assert_array_equal(found, wrap_difference(jnp.asarray(angles)))
+    np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * angles), atol=1e-13)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def values_and_slopes(function, x):
+    return jax.jvp(function, (x,), (jnp.ones_like(x),))
+
+
+@pytest.mark.parametrize("size", [1.0, 100.0, 1e5])
+def test_sine_and_cosine(size):
+    angles = np.random.default_rng(0).uniform(-size, size, 10_000)
+    (sine, cosine), slopes = values_and_slopes(sine_cosine, angles)
+    np.testing.assert_allclose(sine, np.sin(angles), atol=4e-16)
+    np.testing.assert_allclose(cosine, np.cos(angles), atol=4e-16)
+    np.testing.assert_allclose(slopes, [np.cos(angles), -np.sin(angles)], atol=4e-16)
+
+
+def test_arctangent():
+    random = np.random.default_rng(0)
+    edges = [0.0, 7 / 16, 1.0, np.tan(np.pi / 8), np.tan(3 * np.pi / 8), 1e150, np.inf, np.nan]
+    values = np.concatenate([random.normal(size=10_000) * 10 ** random.uniform(-9, 9, 10_000), edges])
+    values = np.concatenate([values, -values])
+    found, slopes = values_and_slopes(arctan, values)
+    np.testing.assert_allclose(found, np.arctan(values), rtol=4e-16)
+    np.testing.assert_allclose(slopes, 1 / (1 + values**2), rtol=4e-16)
+
+
+def test_in_single_precision_sines_are_the_librarys_and_arctangents_near():
+    values = np.linspace(-100, 100, 1001, dtype=np.float32)
+    np.testing.assert_array_equal(jax.jit(sine_cosine)(values), [jnp.sin(values), jnp.cos(values)])
+    found = jax.jit(arctan)(values)
+    assert found.dtype == jnp.float32
+    np.testing.assert_allclose(found, np.arctan(values.astype(float)), rtol=3e-7)
