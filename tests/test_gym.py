@@ -23,11 +23,6 @@ def changed_task(robot="acrobot", **changes):
     return dataclasses.replace(get_task("paper", get_robot(robot)), **changes)
 
 
-def short_task(robot="acrobot", **changes):
-    """A task of three steps, the same in all tests: its length is compiled in."""
-    return changed_task(robot, **{"max_steps": 3, "truncation_probability": 0.0, **changes})
-
-
 def make_two(robot="acrobot", **arguments):
     return PendulumVectorEnv(robot, num_envs=2, **arguments)
 
@@ -167,7 +162,7 @@ def test_second_environment_compiles_nothing(caplog):
 def test_vector_equals_gymnasiums_batch_of_single_environments(either_robot):
     robot = either_robot.name
     # Environment i of both is seeded with seed + i and draws in the same order: all the randomness is the same.
-    task = short_task(robot, truncation_probability=0.2)
+    task = changed_task(robot, max_steps=3, truncation_probability=0.2)
     mine = gymnasium.make_vec(IDS[robot], num_envs=2, task=task)
     assert isinstance(mine, PendulumVectorEnv)
     same_step = {"autoreset_mode": AutoresetMode.SAME_STEP}

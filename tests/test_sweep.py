@@ -17,7 +17,6 @@ import pytest
 
 import swingup
 from refusals import refusal
-from swingup.areapo.config import format_value
 from swingup.cli import main
 from swingup.cli.sweeping import _alternatives
 from swingup.common.errors import SwingupError
@@ -31,9 +30,8 @@ from swingup.sweep import search as search_module
 from swingup.sweep.runs import Job, parse_alternatives, plan_jobs, run_jobs, summarise, train_one
 from swingup.sweep.workers import workers_for
 
-SIZES = {"num_envs": [2], "num_steps": [16], "num_epochs": [1], "batch_size": [32]}
-TINY = SIZES | {"policy_layers": [(8,)], "value_layers": [(8,)]}
-SIZE_WORDS = [f"{name}={format_value(values[0])}" for name, values in TINY.items()]
+SIZE_WORDS = ["num_envs=2", "num_steps=16", "num_epochs=1", "batch_size=32", "policy_layers=8", "value_layers=8"]
+TINY = {name: parse_alternatives(name, text) for name, text in (word.split("=") for word in SIZE_WORDS)}
 INTERVALS = {"evaluate_every": 64, "checkpoint_every": 128, "evaluation_episodes": 1}
 BASE = make_run_settings("CartPole-v1", **INTERVALS)
 

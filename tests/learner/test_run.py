@@ -303,7 +303,6 @@ SMALLER = Config(
 FEW = 32
 """Frames of one iteration."""
 OPTIONS = {
-    "none": {},
     "activation": {"activation": "tanh"},
     "normalise_rewards": {"normalise_rewards": True},
     "one deviation": {"deviation": "action"},
