@@ -22,6 +22,7 @@ from swingup.controllers.stack.estimator import EstimatingController
 from swingup.plant.base_parameters import BASE, base_parameters
 from swingup.plant.plant import LEADERBOARD, Plant, validated
 from swingup.plant.robots import Robot
+from swingup.plant.units import similar_plant
 from swingup.policy.identifier.settings import UNKNOWNS
 from swingup.policy.pendulum import PendulumPolicy
 
@@ -106,7 +107,8 @@ def tell_everything(controller: EstimatingController, plant: Plant) -> Estimatin
     if controller.identifier is None:
         raise SwingupError("the controller has no identifier: choose one with it, as adaptive")
     # No offsets, no lag, and nothing that the undriven joint's motor delivers.
-    mean = jnp.concatenate([base_parameters(plant, jnp), jnp.zeros(UNKNOWNS - BASE)])
+    base = base_parameters(similar_plant(plant, controller.scales), jnp)
+    mean = jnp.concatenate([base, jnp.zeros(UNKNOWNS - BASE)])
     return dataclasses.replace(controller, prior=(mean, jnp.zeros((UNKNOWNS, UNKNOWNS))))
 
 

@@ -31,6 +31,7 @@ from swingup.dynamics.angles import UPRIGHT
 from swingup.loop.domain import Domain, load_domain
 from swingup.loop.draw import draw
 from swingup.plant.robots import ROBOTS, Robot
+from swingup.plant.units import similar_plant
 from swingup.policy.pendulum import PendulumPolicy
 from swingup.policy.regulator.settings import RegulatorSettings, fixed_point
 from swingup.policy.shipped import ADAPTIVE, load_policy
@@ -66,7 +67,8 @@ def held(policy: PendulumPolicy, scenarios: list[Scenario], depth: int) -> np.nd
     )
     controller = make_controller(replace(policy, regulator=regulator))
     assert isinstance(controller, EstimatingController)
-    costs = [fixed_point(each.parameters, policy.robot.joint)[TRIANGLE] for each in scenarios]
+    plants = [similar_plant(each.parameters, controller.scales) for each in scenarios]
+    costs = [fixed_point(plant, policy.robot.joint)[TRIANGLE] for plant in plants]
     steps = round(TIME / 0.002)
 
     @jax.jit

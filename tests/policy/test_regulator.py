@@ -43,17 +43,23 @@ def plants(robot):
 
 
 def designed(plant, robot):
-    """P and K by SciPy's equation, for a torque that is held for a step."""
-    h = chosen.RICCATI_STEP
+    """P and K by SciPy's equation, of the errors and a torque on the undriven joint; torques are held for a step.
+
+    The latter fades by a millionth in each.
+    """
+    h, (other,) = chosen.RICCATI_STEP, [each for each in ROBOTS.values() if each != robot]
     (A,), (B,) = linearised(linear_friction(plant), robot, UPRIGHT[None], np.zeros(1))
-    a, b = np.eye(4) + h * A + 0.5 * h**2 * A @ A, h * B + 0.5 * h**2 * A @ B
-    P = solve_discrete_are(a, b[:, None], h * np.diag(STATE_WEIGHTS), [[h * TORQUE_WEIGHT]])
-    return P, b @ P @ a / (h * TORQUE_WEIGHT + b @ P @ b)
+    D = linearised(linear_friction(plant), other, UPRIGHT[None], np.zeros(1))[1][0]
+    held = h * np.eye(4) + 0.5 * h**2 * A
+    a = np.block([[np.eye(4) + held @ A, held @ D[:, None]], [np.zeros(4), 1 - 1e-6]])
+    b, weight = np.append(held @ B, 0.0), h * TORQUE_WEIGHT
+    P = solve_discrete_are(a, b[:, None], h * np.diag([*STATE_WEIGHTS, 0.0]), [[weight]])
+    return P, b @ P @ a / (weight + b @ P @ b)
 
 
 def unit_error(plant, robot):
     """An error whose cost-to-go is 1."""
-    return ERROR / np.sqrt(ERROR @ fixed_point(plant, robot.joint) @ ERROR)
+    return ERROR / np.sqrt(ERROR @ fixed_point(plant, robot.joint)[:4, :4] @ ERROR)
 
 
 class NumpyRegulator:
@@ -84,25 +90,28 @@ def regulator(robot, plant=None, settings=SETTINGS):
 
 def test_the_fixed_point_is_scipys(robot):
     for plant in plants(robot):
-        np.testing.assert_allclose(fixed_point(plant, robot.joint), designed(plant, robot)[0], rtol=1e-7)
+        found, expected = fixed_point(plant, robot.joint), designed(plant, robot)[0]
+        np.testing.assert_allclose(found[:4, :4], expected[:4, :4], rtol=1e-7)
+        np.testing.assert_allclose(found[:4, 4], expected[:4, 4], rtol=1e-3)
 
 
 def test_the_cost_to_go_follows_the_plant(robot):
     """Within a tenth of a second, from the file's plant to the one that is told."""
     told, own = regulator(robot, plants(robot)[1]), regulator(robot)
-    expected, start, errors = fixed_point(plants(robot)[1], robot.joint), own.state.cost_to_go[:4, :4], []
-    assert np.abs(start / expected - 1).max() > 0.5
+    # Of what the friction costs alone both have 0.
+    expected, start, errors = fixed_point(plants(robot)[1], robot.joint)[:4], own.state.cost_to_go[:5, :5], []
+    assert np.abs(start[:4] / expected - 1).max() > 0.5
     for _ in range(100):
         told(np.zeros(4))
-        errors.append(np.abs(told.state.cost_to_go[:4, :4] / expected - 1).max())
+        errors.append(np.abs(told.state.cost_to_go[:4, :5] / expected - 1).max())
     assert errors[50] < 0.05
     assert errors[-1] < 1e-3
     # The file's plant stays where it is; a spoilt cost-to-go starts again there.
     own(np.zeros(4))
-    np.testing.assert_allclose(own.state.cost_to_go[:4, :4], start, rtol=1e-9)
-    own.state = own.state._replace(cost_to_go=np.full((5, 5), np.inf))
+    np.testing.assert_allclose(own.state.cost_to_go[:5, :5], start, rtol=1e-9)
+    own.state = own.state._replace(cost_to_go=np.full((6, 6), np.inf))
     own(np.zeros(4))
-    np.testing.assert_array_equal(own.state.cost_to_go[:4, :4], start)
+    np.testing.assert_array_equal(own.state.cost_to_go[:5, :5], start)
 
 
 def test_it_holds_another_plant_that_it_is_told(robot):
@@ -126,7 +135,7 @@ def test_bounds():
     torques = [found(UPRIGHT + size * e) for size in sizes]
     acting = [torque is not None for torque in torques]
     assert acting == [False, True, True, True, True, False, False, True, True, True]
-    assert torques[1] == pytest.approx(-designed(own, robot)[1] @ e * sizes[1], rel=1e-6)
+    assert torques[1] == pytest.approx(-designed(own, robot)[1][:4] @ e * sizes[1], rel=1e-6)
     assert np.isnan([torques[3], torques[8]]).all()
     assert abs(torques[2]) == 6.0
 
@@ -141,6 +150,17 @@ def test_dry_friction_of_the_undriven_joint_lowers_the_bounds(robot, sign):
     # At rest at the top until P has followed the plant.
     acting = [found(UPRIGHT + size * e) is not None for size in np.sqrt([*[0.0] * 200, 3.4, 3.6, 0.6, 0.4])]
     assert acting[-4:] == [True, False, False, True]
+
+
+def test_dry_friction_of_the_undriven_joint_moves_the_torque(robot):
+    """By the gain of a constant torque with the friction's sign; the driven joint's friction does not."""
+    other, rate = 2 - robot.joint, np.array([0, 0, 0.02, 0.02])
+    own = dataclasses.replace(LEADERBOARD.driven(robot), **{f"cf{other}": 0.05, f"cf{robot.joint + 1}": 0.3})
+    found = NumpyRegulator(SETTINGS, own, robot)
+    friction = -chosen.DRY_SHARE * 0.05 * np.arctan(chosen.DRY_KNEE * 0.02)
+    for sign in (1, -1):
+        expected = -designed(own, robot)[1] @ [*(sign * rate), sign * friction]
+        assert found(UPRIGHT + sign * rate) == pytest.approx(expected, rel=1e-3)
 
 
 class Marked(AbstractController):

@@ -64,6 +64,8 @@ CHOICE, SEED = 30_000, 20_000
 """First seeds of the draws by which a policy is chosen, and of those on which it is judged."""
 ENOUGH = 0.98
 """Share of the former on which a policy has to succeed to make what comes next needless."""
+RECOVERIES = 3
+"""Most stages of recoveries; one that does not help is the last."""
 
 
 def refine_command(
@@ -122,16 +124,17 @@ def refine_command(
     shipped = shipped_for(around, robot) if policy is None else None
     best, kept = b"", -1
 
-    def choose(what: str) -> None:
-        """Keep the file's policy, or the best one before it on these draws."""
+    def choose(what: str) -> bool:
+        """Keep the file's policy if it is the best so far on these draws, or else the one before it."""
         nonlocal best, kept
         found = _judged(robot, out, around, CHOICE, seeds).successes
         tell(f"{what}: {found} of {seeds} draws")
-        if found >= kept:
+        if found > kept:
             best, kept = Path(out).read_bytes(), found
-            return
+            return True
         write_atomically(out, best)
         tell(f"{out} has the one before")
+        return False
 
     if shipped is not None:
         write_pendulum_policy(
@@ -148,10 +151,13 @@ def refine_command(
         with Progress() as progress:
             _refine(load_policy(base, robot), out, ADAPT, seed, command, progress, domain=around)
         choose("trained for them")
-    if kept < ENOUGH * seeds:
+    for number in range(RECOVERIES):
+        if kept >= ENOUGH * seeds:
+            break
         with Progress() as progress:
-            _refine(load_policy(out, robot), out, RECOVER, seed, command, progress, domain=around)
-        choose("with more recoveries")
+            _refine(load_policy(out, robot), out, RECOVER, seed + number, command, progress, domain=around)
+        if not choose("with more recoveries"):
+            break
     result = _judged(robot, out, around, SEED, seeds)
     if page is not None:
         save_log_report(report_adaptation(around, result), page)

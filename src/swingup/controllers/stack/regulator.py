@@ -22,7 +22,7 @@ from ..interface.controller import AbstractController, AbstractPlantController, 
 from ..swingups.scalar_algebra import Matrix, Vector, dot, symmetric_times, unpack
 from .maths import JAX
 
-TRIANGLE = np.triu_indices(4)
+TRIANGLE = np.triu_indices(5)
 """Rows and columns of what is remembered of P, row by row."""
 
 
@@ -35,13 +35,13 @@ class RegulatorMemory(NamedTuple):
 
 
 class RegulatingController(AbstractPlantController[RegulatorMemory]):
-    """A policy, and near the top u = -K e of the linear quadratic regulator."""
+    """A policy, and near the top the linear quadratic regulator."""
 
     controller: AbstractController[Any]
     """The policy; it is called always."""
     base: Float[Any, "9"]
     """θ of the plant that it holds, where a call does not say."""
-    start: Float[np.ndarray, "10"]
+    start: Float[np.ndarray, "15"]
     """P at first, its upper triangle; this and what follows are in C.1's units."""
     torque_limit: float
     """Largest torque of the regulator."""
@@ -87,45 +87,54 @@ def with_regulator(
     return RegulatingController(controller, base_parameters(plant), *known, arm_scales(plant), robot)
 
 
-def advanced(P: Float[Array, "10"], step: Discrete) -> Float[Array, "10"]:
+def advanced(P: Float[Array, "15"], step: Discrete) -> Float[Array, "15"]:
     """P after the steps of one call."""
 
-    def advance(_: int, P: Float[Array, "10"]) -> Float[Array, "10"]:
+    def advance(_: int, P: Float[Array, "15"]) -> Float[Array, "15"]:
         return jnp.stack([value for row in _riccati(_symmetric(P), step) for value in row])
 
     return jax.lax.fori_loop(0, RICCATI_STEPS, advance, P)
 
 
-def cost(P: Float[Array, "10"], e: Vector) -> Scalar:
+def cost(P: Float[Array, "15"], e: Vector) -> Scalar:
     """The cost-to-go eᵀ P e."""
-    found: Scalar = dot(e, symmetric_times(_symmetric(P), e))
+    error = (*e, 0.0)
+    found: Scalar = dot(error, symmetric_times(_symmetric(P), error))
     return found
 
 
-def command(P: Float[Array, "10"], step: Discrete, e: Vector) -> Scalar:
-    """The torque -K e (N m), K = bᵀ P A / (R + bᵀ P b)."""
-    pushed = symmetric_times(_symmetric(P), step.b)
-    share = 1.0 / (R + dot(step.b, pushed))
-    gains = tuple(share * dot(pushed, column) for column in zip(*step.a, strict=True))
+def command(P: Float[Array, "15"], step: Discrete, e: Vector) -> Scalar:
+    """The torque -K [e, f] (N m), K = bᵀ P A / (R + bᵀ P b)."""
+    columns, b = _columns(step)
+    pushed = symmetric_times(_symmetric(P), b)
+    share = 1.0 / (R + dot(b, pushed))
+    gains = tuple(share * dot(pushed, column) for column in columns)
     found: Scalar = -dot(gains, e)
     return found
 
 
-def _symmetric(triangle: Float[Array, "10"]) -> Matrix:
+def _columns(step: Discrete) -> tuple[tuple[Vector, ...], Vector]:
+    """The columns of [A d; 0 1], and b, of [e, f]."""
+    rates = tuple((*column, 0.0) for column in zip(*step.a, strict=True))
+    return (*rates, (*step.d, 1.0)), (*step.b, 0.0)
+
+
+def _symmetric(triangle: Float[Array, "15"]) -> Matrix:
     """Rows from the diagonal on."""
     values = unpack(triangle)
-    return values[:4], values[4:7], values[7:9], values[9:]
+    return values[:5], values[5:9], values[9:12], values[12:14], values[14:]
 
 
 def _riccati(P: Matrix, step: Discrete) -> Matrix:
     """P ← Q + Aᵀ P A - (Aᵀ P b)(Aᵀ P b)ᵀ / (R + bᵀ P b)."""
-    columns = tuple(zip(*step.a, strict=True))
-    moved, pushed = [symmetric_times(P, column) for column in columns], symmetric_times(P, step.b)
-    coupled = [dot(step.b, column) for column in moved]
-    share = 1.0 / (R + dot(step.b, pushed))
+    columns, b = _columns(step)
+    moved, pushed = [symmetric_times(P, column) for column in columns], symmetric_times(P, b)
+    coupled = [dot(b, column) for column in moved]
+    share = 1.0 / (R + dot(b, pushed))
 
     def entry(i: int, j: int) -> Number:
         value = dot(columns[i], moved[j]) - share * coupled[i] * coupled[j]
         return value + Q[i] if i == j else value
 
-    return tuple(tuple(entry(i, j) for j in range(i, 4)) for i in range(4))
+    rows = [tuple(entry(i, j) for j in range(i, 5)) for i in range(4)]
+    return (*rows, (jnp.zeros_like(rows[0][0]),))

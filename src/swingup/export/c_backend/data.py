@@ -180,8 +180,10 @@ def regulator_data(loop: Regulator) -> Data:
         "ENTER_COULOMB": settings.enter_coulomb,
         "LEAVE_COULOMB": settings.leave_coulomb,
         "state_weights": np.array(regulator.Q),
+        "DRY_SHARE": regulator.DRY_SHARE,
+        "DRY_KNEE": regulator.DRY_KNEE,
         # Without the row and the column that NumPy's regulator has for the torque.
-        "cost_to_go": loop.start[:4, :4],
+        "cost_to_go": loop.start[:5, :5],
     }
 
 

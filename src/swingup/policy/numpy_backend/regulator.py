@@ -1,6 +1,6 @@
-"""What the regulator of ``policy/regulator/core.py`` needs of NumPy: products of 5 x 5 matrices.
+"""What the regulator of ``policy/regulator/core.py`` needs of NumPy: products of 6 x 6 matrices.
 
-One such product takes errors and torque through a step at once: [e, u], and P with zeros at u.
+One such product takes errors and torques through a step at once: [e, f, u], and P with zeros at u.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,9 @@ from ..regulator import core
 from ..regulator.core import Held, Loop
 from ..regulator.settings import RICCATI_STEPS, Q, R, RegulatorSettings
 
-WEIGHTS = np.diag([*Q, R])
+WEIGHTS = np.diag([*Q, 0.0, R])
+CONSTANT = (0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+"""f stays, and u is chosen anew: the last rows of a step."""
 
 
 def regulator_loop(settings: RegulatorSettings, plant: Plant, joint: int, limit: float) -> Loop:
@@ -21,11 +23,11 @@ def regulator_loop(settings: RegulatorSettings, plant: Plant, joint: int, limit:
 
 
 def held(loop: Loop, base: Sequence[float]) -> Held:
-    """What to hold for base parameters θ (9,): its step is [A b; 0 0]."""
+    """What to hold for base parameters θ (9,): its step is [A d b; 0 1 0; 0 0 0]."""
     found = core.held(loop, base)
-    a, b = found.step
-    rows = [*a[0], b[0], *a[1], b[1], *a[2], b[2], *a[3], b[3], 0.0, 0.0, 0.0, 0.0, 0.0]
-    return found._replace(step=np.array(rows).reshape(5, 5))
+    (a1, a2, a3, a4), (d1, d2, d3, d4), (b1, b2, b3, b4) = found.step
+    rows = [*a1, d1, b1, *a2, d2, b2, *a3, d3, b3, *a4, d4, b4, *CONSTANT]
+    return found._replace(step=np.array(rows).reshape(6, 6))
 
 
 def advanced(P: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -34,22 +36,23 @@ def advanced(P: np.ndarray, step: np.ndarray) -> np.ndarray:
     for _ in range(RICCATI_STEPS):
         V = across.dot(P.dot(step))
         V += WEIGHTS
-        coupled = V[4:]
+        coupled = V[5:]
         # Zeros at u again, but for rounding, which the zeros of the step pass over.
-        P = V - coupled.T.dot(coupled / coupled.item(4))
+        P = V - coupled.T.dot(coupled / coupled.item(5))
+        P[4, 4] = 0.0
     symmetric: np.ndarray = 0.5 * (P + P.T)
     return symmetric
 
 
 def cost(P: np.ndarray, e: tuple[float, ...]) -> float:
     """The cost-to-go eᵀ P e."""
-    error = np.array([*e, 0.0])
+    error = np.array([*e, 0.0, 0.0])
     return float(P.dot(error).dot(error))
 
 
 def command(P: np.ndarray, step: np.ndarray, e: tuple[float, ...]) -> float:
-    """The torque -K e (N m)."""
-    coupled = step.T[4].dot(P).dot(step)
-    gains = coupled / (R + coupled.item(4))
+    """The torque -K [e, f] (N m)."""
+    coupled = step.T[5].dot(P).dot(step)
+    gains = coupled / (R + coupled.item(5))
     # The gain of the torque itself has no meaning.
-    return -float(gains[:4].dot(e))
+    return -float(gains[:5].dot(e))

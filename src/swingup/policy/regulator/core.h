@@ -10,11 +10,11 @@
 typedef struct {
     int begun;               /* 0 before the first call */
     int acting;              /* whether the regulator acts */
-    double cost_to_go[4][4]; /* P */
+    double cost_to_go[5][5]; /* P of the errors and the friction f */
 } swingup_regulator;
 
-/* [A b] of one step of the recursion, for base parameters theta. */
-static inline void swingup_upright(const double theta[9], double step[4][5])
+/* [A d b] of one step of the recursion, for base parameters theta. */
+static inline void swingup_upright(const double theta[9], double step[4][6])
 {
     const double h = SWINGUP_RICCATI_STEP, half = 0.5 * h * h;
     const double gravity2 = SWINGUP_GRAVITY * theta[2], gravity1 = SWINGUP_GRAVITY * theta[3];
@@ -23,16 +23,15 @@ static inline void swingup_upright(const double theta[9], double step[4][5])
     const double m22 = theta[1] + reflected, scale = 1.0 / (m11 * m22 - m12 * m12);
     const double inverse[2][2] = {{m22 * scale, -m12 * scale}, {-m12 * scale, m11 * scale}};
     const double gravity[2][2] = {{gravity1 + gravity2, gravity2}, {gravity2, gravity2}};
-    double slope[2][4], w[2];
+    double slope[2][4];
     int i, j, k;
 
-    /* The accelerations: [X Y] e + w u. */
+    /* The accelerations: [X Y] e, and the inverse of the mass matrix times the torques. */
     for (i = 0; i < 2; i++) {
         for (j = 0; j < 2; j++) {
             slope[i][j] = inverse[i][0] * gravity[0][j] + inverse[i][1] * gravity[1][j];
             slope[i][j + 2] = -inverse[i][j] * (theta[4 + j] + SWINGUP_COULOMB_DAMPING * theta[6 + j]);
         }
-        w[i] = inverse[i][SWINGUP_DRIVEN];
     }
     for (i = 0; i < 2; i++) {
         for (j = 0; j < 4; j++) {
@@ -43,36 +42,41 @@ static inline void swingup_upright(const double theta[9], double step[4][5])
             step[i][j] = (i == j) + (i + 2 == j) * h + half * slope[i][j];
             step[i + 2][j] = (i + 2 == j) + h * slope[i][j] + half * twice;
         }
-        step[i][4] = half * w[i];
-        step[i + 2][4] = h * w[i] + half * (slope[i][2] * w[0] + slope[i][3] * w[1]);
+        for (j = 4; j < 6; j++) {
+            const double *w = inverse[j == 5 ? SWINGUP_DRIVEN : 1 - SWINGUP_DRIVEN];
+            step[i][j] = half * w[i];
+            step[i + 2][j] = h * w[i] + half * (slope[i][2] * w[0] + slope[i][3] * w[1]);
+        }
     }
 }
 
 /* One step of the Riccati recursion: P of the steps to go. */
-static inline void swingup_riccati(double p[4][4], double step[4][5])
+static inline void swingup_riccati(double p[5][5], double step[4][6])
 {
-    double moved[4][5], all[5][5];
+    double moved[4][6], all[6][6];
     int i, j, k;
 
     for (i = 0; i < 4; i++) {
-        for (j = 0; j < 5; j++) {
-            moved[i][j] = 0.0;
+        for (j = 0; j < 6; j++) {
+            /* f stays as it is. */
+            moved[i][j] = j == 4 ? p[i][4] : 0.0;
             for (k = 0; k < 4; k++) {
                 moved[i][j] += p[i][k] * step[k][j];
             }
         }
     }
-    for (i = 0; i < 5; i++) {
-        for (j = i; j < 5; j++) {
+    for (i = 0; i < 6; i++) {
+        for (j = i; j < 6; j++) {
+            /* Of what f costs, its products with the torque. */
             all[i][j] = 0.0;
             for (k = 0; k < 4; k++) {
-                all[i][j] += step[k][i] * moved[k][j];
+                all[i][j] += i == 4 ? step[k][j] * moved[k][i] : step[k][i] * moved[k][j];
             }
         }
     }
     for (i = 0; i < 4; i++) {
-        for (j = i; j < 4; j++) {
-            p[i][j] = p[j][i] = all[i][j] - all[i][4] * all[j][4] / (SWINGUP_TORQUE_WEIGHT + all[4][4]);
+        for (j = i; j < 5; j++) {
+            p[i][j] = p[j][i] = all[i][j] - all[i][5] * all[j][5] / (SWINGUP_TORQUE_WEIGHT + all[5][5]);
         }
         p[i][i] += swingup_state_weights[i];
     }
@@ -82,8 +86,8 @@ static inline void swingup_riccati(double p[4][4], double step[4][5])
 static inline void swingup_start(swingup_regulator *c)
 {
     int i;
-    for (i = 0; i < 16; i++) {
-        c->cost_to_go[i / 4][i % 4] = swingup_cost_to_go[i / 4][i % 4];
+    for (i = 0; i < 25; i++) {
+        c->cost_to_go[i / 5][i % 5] = swingup_cost_to_go[i / 5][i % 5];
     }
 }
 
@@ -91,7 +95,8 @@ static inline void swingup_start(swingup_regulator *c)
 static inline int swingup_regulate(swingup_regulator *c, const double theta[9], const double x[4], double *torque)
 {
     const int finite = swingup_finite(x, 4);
-    double step[4][5], error[4], share = SWINGUP_TORQUE_WEIGHT, cost = 0.0;
+    const double dry = theta[7 - SWINGUP_DRIVEN];
+    double step[4][6], error[5], share = SWINGUP_TORQUE_WEIGHT, cost = 0.0;
     int i, j;
 
     if (!c->begun) {
@@ -102,7 +107,7 @@ static inline int swingup_regulate(swingup_regulator *c, const double theta[9], 
     for (i = 0; i < SWINGUP_RICCATI_STEPS; i++) {
         swingup_riccati(c->cost_to_go, step);
     }
-    if (!swingup_finite(&c->cost_to_go[0][0], 16)) {
+    if (!swingup_finite(&c->cost_to_go[0][0], 25)) {
         swingup_start(c);
     }
     *torque = 0.0;
@@ -110,23 +115,24 @@ static inline int swingup_regulate(swingup_regulator *c, const double theta[9], 
     error[1] = swingup_turned(x[1]);
     error[2] = x[2];
     error[3] = x[3];
+    error[4] = -SWINGUP_DRY_SHARE * dry * atan(SWINGUP_DRY_KNEE * x[3 - SWINGUP_DRIVEN]);
     for (i = 0; i < 4; i++) {
         double pushed = 0.0;
         for (j = 0; j < 4; j++) {
             cost += error[i] * c->cost_to_go[i][j] * error[j];
-            pushed += c->cost_to_go[i][j] * step[j][4];
+            pushed += c->cost_to_go[i][j] * step[j][5];
         }
-        share += step[i][4] * pushed;
-        for (j = 0; j < 4; j++) {
+        share += step[i][5] * pushed;
+        *torque -= c->cost_to_go[i][4] * step[i][5] * error[4];
+        for (j = 0; j < 5; j++) {
             *torque -= pushed * step[i][j] * error[j];
         }
     }
     /* The clip would make an infinite rate the largest torque. */
     *torque = finite ? swingup_clip(*torque / share, SWINGUP_TORQUE_LIMIT / SWINGUP_TORQUE_UNIT) : (double)NAN;
     if (finite) {
-        const double dry = fabs(theta[7 - SWINGUP_DRIVEN]);
-        const double enter = SWINGUP_ENTER / (1.0 + dry / SWINGUP_ENTER_COULOMB);
-        const double leave = enter + (SWINGUP_LEAVE - SWINGUP_ENTER) / (1.0 + dry / SWINGUP_LEAVE_COULOMB);
+        const double enter = SWINGUP_ENTER / (1.0 + fabs(dry) / SWINGUP_ENTER_COULOMB);
+        const double leave = enter + (SWINGUP_LEAVE - SWINGUP_ENTER) / (1.0 + fabs(dry) / SWINGUP_LEAVE_COULOMB);
         c->acting = c->acting ? cost <= leave : cost < enter;
     }
     return c->acting;

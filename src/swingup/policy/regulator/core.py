@@ -9,6 +9,10 @@ Q = h diag(q) and R = h r each call does a few steps of the Riccati equation's r
 so that the cost-to-go P follows θ within a tenth of a second. P starts at the fixed point for the file's plant, and
 starts again if it is not finite. Neither time nor the number of calls enters.
 
+Dry friction of the undriven joint would make it hunt in growing cycles. It counts as a torque f that stays as it is
+now, and f as a fifth error, with its row and column in A and P: e ← A e + d f + b u. What f² alone costs has no
+bound and moves no torque: that entry of P stays 0.
+
 The regulator takes over where eᵀ P e is below a first bound, and acts while it is at most a second one
 (``settings.bounds``); a state that is not finite changes nothing. Its torque is u = -K e within the
 limit, K = bᵀ P A / (R + bᵀ P b), and NaN if the state is not finite.
@@ -20,12 +24,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...plant.base_parameters import Geometry, geometry_of
+from ...plant.base_parameters import Geometry, friction_of, geometry_of
 from ...plant.equations import Number
 from ...plant.maths import Maths
 from ...plant.plant import Plant
 from ...plant.units import C1, TORQUE, arm_scales, scaled, similar_plant
-from .settings import COULOMB_DAMPING, RICCATI_STEP, RegulatorSettings, bounds, fixed_point
+from .settings import COULOMB_DAMPING, DRY_KNEE, DRY_SHARE, RICCATI_STEP, RegulatorSettings, bounds, fixed_point
 from .upright import Discrete, upright_step
 
 
@@ -42,7 +46,9 @@ class Held(NamedTuple):
     """The plant that is held."""
 
     step: Any
-    """A and b: ``Discrete``, or what the loop makes of it."""
+    """A, d and b: ``Discrete``, or what the loop makes of it."""
+    dry: Number
+    """What counts of the undriven joint's Coulomb friction (N m)."""
     enter: Number
     """Cost-to-go below which the regulator takes over."""
     leave: Number
@@ -64,9 +70,9 @@ class Loop(NamedTuple):
     advanced: Callable[[Any, Any], Any]
     """P after the steps of one call, from P and the held step."""
     cost: Callable[[Any, tuple[Number, ...]], Number]
-    """The cost-to-go eᵀ P e, from P and e."""
+    """The cost-to-go eᵀ P e, from P and e, without f."""
     command: Callable[[Any, Any, tuple[Number, ...]], Number]
-    """The torque -K e (N m), from P, the held step and e."""
+    """The torque -K [e, f] (N m), from P, the held step, and e with f."""
 
 
 def make_loop(
@@ -79,7 +85,7 @@ def make_loop(
 ) -> Loop:
     """What a regulator knows of a plant, in C.1's units.
 
-    ``pack`` keeps P (4, 4) as the loop does, whose last entries are the products.
+    ``pack`` keeps P (5, 5) as the loop does, whose last entries are the products.
     """
     scales = arm_scales(plant)
     own, plant = scaled(settings, C1.over(scales)), similar_plant(plant, scales)
@@ -95,7 +101,8 @@ def begin(maths: Maths, loop: Loop) -> RegulatorState:
 def held(loop: Loop, theta: Any) -> Held:
     """What to hold for base parameters θ (9,)."""
     step: Discrete = upright_step(theta, loop.geometry, loop.joint, COULOMB_DAMPING, RICCATI_STEP)
-    return Held(step, *bounds(loop.settings, theta, loop.joint))
+    dry = DRY_SHARE * friction_of(theta).coulomb[1 - loop.joint]
+    return Held(step, dry, *bounds(loop.settings, theta, loop.joint))
 
 
 def regulate(maths: Maths, loop: Loop, state: RegulatorState, plant: Held, x: Any) -> tuple[RegulatorState, Number]:
@@ -107,7 +114,8 @@ def regulate(maths: Maths, loop: Loop, state: RegulatorState, plant: Held, x: An
     e = maths.nearest(q1 - math.pi), maths.nearest(q2), dq1, dq2
     cost, finite, limit = loop.cost(P, e), maths.finite(x), loop.torque_limit
     within = maths.where(state.acting, cost <= plant.leave, cost < plant.enter)
-    torque = maths.clip(loop.command(P, plant.step, e), -limit, limit)
+    friction = -plant.dry * maths.arctan(DRY_KNEE * e[3 - loop.joint])
+    torque = maths.clip(loop.command(P, plant.step, (*e, friction)), -limit, limit)
     # The clip would make an infinite rate the largest torque.
     torque = maths.where(finite, torque, math.nan)
     return RegulatorState(P, maths.where(finite, within, state.acting)), torque

@@ -19,6 +19,8 @@ TORQUE_WEIGHT = 1.0
 """r (1/N²m²)."""
 COULOMB_DAMPING = 1.0
 """Coulomb friction cf counts as damping of this times cf (s/rad)."""
+DRY_SHARE, DRY_KNEE = 0.6, 40.0
+"""The undriven joint's counts besides as a torque that stays: this share of cf arctan(knee q̇), knee in s/rad."""
 RICCATI_STEP = 0.005
 """Step h of the recursion (s)."""
 RICCATI_STEPS = 4
@@ -62,15 +64,18 @@ def bounds(settings: RegulatorSettings, theta: Any, driven: int) -> tuple[Any, A
 
 
 def fixed_point(plant: Plant, driven: int) -> np.ndarray:
-    """The cost-to-go P (4, 4) at which the recursion for a plant stays."""
+    """The cost-to-go P (5, 5) of [e, f] at which the recursion for a plant stays."""
     theta, geometry = base_parameters(plant), geometry_of(plant)
-    a, b = map(np.array, upright_step(theta, geometry, driven, COULOMB_DAMPING, RICCATI_STEP))
+    a, d, b = map(np.array, upright_step(theta, geometry, driven, COULOMB_DAMPING, RICCATI_STEP))
     with np.errstate(all="ignore"):
         try:
-            found = solve_riccati(a, np.outer(b, b) / R, np.diag(Q))
+            found = np.pad(solve_riccati(a, np.outer(b, b) / R, np.diag(Q)), (0, 1))
+            P = found[:4, :4]
+            closed = a - np.outer(b, b @ P @ a) / (R + b @ P @ b)
+            found[:4, 4] = found[4, :4] = np.linalg.solve(np.eye(4) - closed.T, closed.T @ P @ d)
         except np.linalg.LinAlgError:
             # Both ways in which a plant has no fixed point get the same sentence.
-            found = np.full((4, 4), np.nan)
+            found = np.full((5, 5), np.nan)
     if not np.isfinite(found).all():
         raise SwingupError("the regulator cannot hold its plant upright: correct the plant, or leave it out")
     return found

@@ -5,7 +5,8 @@ With the errors e = (q1 - π, q2, q̇1, q̇2):
     M ë_q = G e_q - D ė_q + B u,   M = M(q2 = 0),   D = diag(b1 + c cf1, b2 + c cf2).
 
 The slope of the smoothed Coulomb friction at rest is 100 cf: by it a regulator would take the joint for frozen.
-c cf is the damping (N m s/rad) that stands for it. Python's floats and JAX's arrays serve alike.
+c cf is the damping (N m s/rad) that stands for it. A torque f on the undriven joint enters as u does on the other.
+Python's floats and JAX's arrays serve alike.
 """
 
 from typing import Any, NamedTuple
@@ -15,16 +16,18 @@ from ...plant.equations import Number, mass_entries
 
 
 class Discrete(NamedTuple):
-    """e ← A e + b u over one step."""
+    """e ← A e + d f + b u over one step."""
 
     a: tuple[tuple[Number, ...], ...]
     """Rows of A (4, 4)."""
+    d: tuple[Number, ...]
+    """(4,), of a torque f on the undriven joint."""
     b: tuple[Number, ...]
-    """(4,)"""
+    """(4,), of the torque u on the driven joint."""
 
 
 def upright_step(theta: Any, geometry: Geometry, driven: int, coulomb_damping: Number, h: float) -> Discrete:
-    """A = I + h A_c + h² A_c² / 2 and b = h b_c + h² A_c b_c / 2 of the linear equations.
+    """A = I + h A_c + h² A_c² / 2, b = h b_c + h² A_c b_c / 2 and d, alike, of the linear equations.
 
     The mass matrix of θ is positive definite. The damping is c (s/rad), the step's length h (s).
     """
@@ -38,7 +41,6 @@ def upright_step(theta: Any, geometry: Geometry, driven: int, coulomb_damping: N
     x11, x12 = i11 * first + i12 * second, (i11 + i12) * second
     x21, x22 = i12 * first + i22 * second, (i12 + i22) * second
     y11, y12, y21, y22 = -i11 * damping1, -i12 * damping2, -i12 * damping1, -i22 * damping2
-    w1, w2 = (i11, i12) if driven == 0 else (i12, i22)
     s = 0.5 * h * h
     # The lower rows are those of I + h A_c, and of h²/2 times A_c² = [[X, Y], [Y X, X + Y²]].
     rates1 = (
@@ -57,5 +59,8 @@ def upright_step(theta: Any, geometry: Geometry, driven: int, coulomb_damping: N
         (1.0 + s * x11, s * x12, h + s * y11, s * y12),
         (s * x21, 1.0 + s * x22, s * y21, h + s * y22),
     )
-    b = s * w1, s * w2, h * w1 + s * (y11 * w1 + y12 * w2), h * w2 + s * (y21 * w1 + y22 * w2)
-    return Discrete((angles1, angles2, rates1, rates2), b)
+    moved = [
+        (s * w1, s * w2, h * w1 + s * (y11 * w1 + y12 * w2), h * w2 + s * (y21 * w1 + y22 * w2))
+        for w1, w2 in ((i11, i12), (i12, i22))
+    ]
+    return Discrete((angles1, angles2, rates1, rates2), moved[1 - driven], moved[driven])
