@@ -166,10 +166,8 @@ def test_statistics_take_in_the_states_after_resets_and_before_normalising():
         variance = (4.0 * (data**2).sum() + 1e-4) / (weight + 1e-4) - mean**2
         return np.clip((value - mean) / np.sqrt(variance + 1e-8), -10.0, 10.0)
 
-    for observations, values, before in (
-        (rollout.observations, seen[:8], 1),
-        (rollout.next_observations, after, 2),
-    ):
+    both = ((rollout.observations, seen[:8], 1), (rollout.next_observations, after, 2))
+    for observations, values, before in both:
         expected = [[normalised(value, t + before)] for t, value in enumerate(values)]
         np.testing.assert_allclose(observations[..., 0], np.tile(expected, 4), rtol=1e-3)
     assert state.statistics.count == pytest.approx(36.0, abs=0.01)
