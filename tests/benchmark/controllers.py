@@ -36,11 +36,9 @@ class Memoryless(AbstractController):
 SWINGING = Memoryless(lambda t, x: jnp.ones(2) * (3 * jnp.tanh(x[2] + x[3]) + 0.5 * jnp.cos(3 * t)))
 """Torque with the driven joint's velocity: it pumps energy into the pendulum from any disturbance."""
 HANGING = Memoryless(lambda t, x: jnp.zeros(2, x.dtype))
-"""No torque."""
 
 
 def swinging(x, t):
-    """``SWINGING`` in NumPy."""
     return np.ones(2) * (3 * math.tanh(x[2] + x[3]) + 0.5 * math.cos(3 * t))
 
 

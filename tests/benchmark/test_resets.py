@@ -127,7 +127,6 @@ def test_the_robot_stops_at_wider_limits_and_brakes():
 
 RULES = BOARDS["cloudpendulum"]
 CELLS = load_domain(RULES.domain)
-TURNS = 4000
 
 
 class Text:
@@ -177,13 +176,13 @@ def events_of(given):
 def visits(seed):
     """Uneven times, and states that go from one of the example's postures to another, mostly to the goal."""
     random = np.random.default_rng(seed)
-    times = np.concatenate([[0.0], np.cumsum(random.uniform(0.002, 0.02, TURNS - 1))])
-    states = np.zeros((TURNS, 4))
-    for start in range(0, TURNS, 100):
+    times = np.concatenate([[0.0], np.cumsum(random.uniform(0.002, 0.02, CALLS - 1))])
+    states = np.zeros((CALLS, 4))
+    for start in range(0, CALLS, 100):
         goal = (math.pi, 0.0) if random.uniform() < 0.8 else random.uniform(-math.pi, math.pi, 2)
         states[start : start + 100, :2] = goal + 2 * math.pi * random.integers(-1, 2, 2)
-    states[:, :2] += random.uniform(-0.2, 0.2, (TURNS, 2))
-    states[:, 2:] = random.uniform(-3, 3, (TURNS, 2))
+    states[:, :2] += random.uniform(-0.2, 0.2, (CALLS, 2))
+    states[:, 2:] = random.uniform(-3, 3, (CALLS, 2))
     return times, states
 
 

@@ -35,7 +35,6 @@ def run(capsys):
 
 @pytest.fixture
 def run_json(run):
-    """Runs a command and returns its JSON."""
     return lambda *words: json.loads(run(*words, "--json"))
 
 

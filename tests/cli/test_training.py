@@ -58,10 +58,8 @@ def test_ctrl_c_ends_the_command(capsys):
             time.sleep(0.1)  # once it reports, the command handles signals
         os.kill(os.getpid(), signal.SIGINT)
 
-    thread = threading.Thread(target=press)
-    thread.start()
+    threading.Thread(target=press).start()
     assert main(f"train acrobot --frames 100000000 --out r {TINY}".split()) == 130
-    thread.join()
     assert "train --resume r" in capsys.readouterr().err
     frames = read_metrics("r/metrics.jsonl")[-1]["frames"]
     assert f"{frames:012d}.safetensors" in os.listdir("r/checkpoints")

@@ -43,7 +43,6 @@ NONSENSE = [
     ("plant C.1 --set m1", "--set 'm1': write NAME=VALUE"),
     ("plant C.1 --set m1=1 m1=2", "--set gives m1 twice"),
     ("plant C.1 --out x.sdf", "x.sdf: its name must end in .yml"),
-    ("evaluate acrobot --board uptime --controller lqr --domain identified", "draws no plants"),
     ("evaluate acrobot --controller lqr --board icra-real --plant A.0", "give the plant as the domain"),
     ("leaderboard acrobot --board iros-real --plant A.0", "leave the plant A.0 out"),
     ("leaderboard --json --csv", "--json and --csv exclude each other"),

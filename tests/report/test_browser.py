@@ -62,7 +62,6 @@ def page(loaded, address):
 
 
 def picture(page, selector):
-    """A canvas's pixels, as text."""
     return page.evaluate("(selector) => document.querySelector(selector).toDataURL()", selector)
 
 
