@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from swingup import get_controller, judge, load_plant, score
+from swingup import BOARDS, get_controller, judge, load_plant, score
 from swingup.benchmark.board import Case, Setting
 from swingup.benchmark.boards import IROS_REAL, SIM2REAL
 from swingup.benchmark.criteria import realai_score
