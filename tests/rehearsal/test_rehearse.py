@@ -150,11 +150,11 @@ LOADING_TIME, CALLING_TIME = 30.0, 5.0
 """For a busy machine (s); what must hang has less."""
 
 
-def write_folder(folder, body="return [0.0, 0.5]", head="", name="con_fake.py", arguments="x, t"):
+def write_folder(folder, body="return [0.0, 0.5]", head="", name="con_fake.py"):
     """A folder whose controller's call has this body."""
     folder.mkdir(exist_ok=True)
     lines = ["import os, signal, sys, time", head, "class Controller:", '    robot = "acrobot"']
-    lines += [f"    def get_control_output(self, {arguments}):", f"        {body}", "controller = Controller()"]
+    lines += ["    def get_control_output(self, x, t):", f"        {body}", "controller = Controller()"]
     (folder / name).write_text("\n".join(lines))
     return folder
 
