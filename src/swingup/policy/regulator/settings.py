@@ -19,7 +19,7 @@ TORQUE_WEIGHT = 1.0
 """r (1/N²m²)."""
 COULOMB_DAMPING = 1.0
 """Coulomb friction cf counts as damping of this times cf (s/rad)."""
-DRY_SHARE, DRY_KNEE = 0.6, 40.0
+DRY_SHARE, DRY_KNEE = 0.5, 40.0
 """The undriven joint's counts besides as a torque that stays: this share of cf arctan(knee q̇), knee in s/rad."""
 RICCATI_STEP = 0.005
 """Step h of the recursion (s)."""
