@@ -26,6 +26,7 @@ from ..dynamics.dynamics import acceleration
 from ..plant.base_parameters import base_parameters
 from ..plant.plant import LEADERBOARD, NAMES, Plant, validated
 from ..plant.units import C1, scaled, scales_of, similar_plant
+from ..policy.regulator.settings import DRY_KNEE, DRY_SHARE
 from .analytic_policy_gradient import single_precision
 
 APART = 4
@@ -37,12 +38,6 @@ TOP_COST = 1.5
 the top once under weak noise of the torques, with this a fifth."""
 ARRIVED = 0.5
 """Cost-to-go where swing-ups end: their rows from there on do not teach."""
-FRICTION = 0.5
-"""Share of the undriven joint's Coulomb friction that the LQR counts on at the top. Without it the LQR
-limit-cycles: within 6 s 20 % (acrobot) and 14 % (pendubot) of the drawn plants fell from near the top; with it 14 %
-and 6 %."""
-KNEE = 10.0
-"""The friction's sign there is taken as 2/π arctan of this times the velocity (s/rad)."""
 COST_WHEN_OVER = 1e6
 """Added to the squared distances from rows that do not teach."""
 EDGE = 0.2
@@ -153,8 +148,8 @@ def taught(one: Teachers, recovery: PolicyController, tube: float | Scalar, x: S
     along = one.torque[row] + one.gains[row] @ off[row]
     outside = jnp.clip((distance / tube - 1 + EDGE) / (2 * EDGE), 0, 1)
     u = (1 - outside) * along + outside * matched_torque(recovery, one.plant, x)
-    sign = jnp.arctan(KNEE * x[3 - recovery.robot.joint])
-    at_top = FRICTION * one.top_friction * sign - one.top_gains @ _from_upright(x)
+    sign = jnp.arctan(DRY_KNEE * x[3 - recovery.robot.joint])
+    at_top = DRY_SHARE * one.top_friction * sign - one.top_gains @ _from_upright(x)
     u = jnp.where(top_cost(one, x) < TOP_COST, at_top, u)
     return jnp.clip(u, -limit, limit), distance
 
