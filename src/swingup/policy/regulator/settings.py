@@ -21,8 +21,8 @@ COULOMB_DAMPING = 1.0
 """Coulomb friction cf counts as damping of this times cf (s/rad)."""
 DRY_SHARE, DRY_KNEE = 0.5, 10.0
 """The undriven joint's counts besides as a torque that stays: this share of cf arctan(knee q̇), knee in s/rad.
-Without it regulators limit-cycle: within 6 s 20 % (acrobot) and 14 % (pendubot) of a distillation's drawn plants fell
-from near the top under their teachers' LQR, with it 14 % and 6 %."""
+Without it regulators limit-cycle: within 6 s 20 % (acrobot) and 14 % (pendubot) of a distillation's drawn plants
+fell from near the top under their teachers' LQR, with it 14 % and 6 %."""
 RICCATI_STEP = 0.005
 """Step h of the recursion (s)."""
 RICCATI_STEPS = 4
