@@ -22,13 +22,9 @@ from .controllers import FRICTION, HANGING, SWINGING, swinging
 from .independent import World, closed_loop
 
 IROS = IROS_REAL
-BRIEF = dataclasses.replace(
-    IROS,
-    duration=2.0,
-    pushes={name: dataclasses.replace(each, apart=0.3) for name, each in IROS.pushes.items()},
-    # With a line that the tip is above from the start, so that runs succeed.
-    height=-1.01,
-)
+HASTY = {name: dataclasses.replace(each, apart=0.3) for name, each in IROS.pushes.items()}
+BRIEF = dataclasses.replace(IROS, duration=2.0, pushes=HASTY, height=-1.01)
+"""With a line that the tip is above from the start, so that runs succeed."""
 
 
 @pytest.mark.parametrize(("name", "least", "most"), [("acrobot", 0.5, 0.75), ("pendubot", 0.2, 0.5)])
