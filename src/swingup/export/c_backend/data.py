@@ -183,7 +183,7 @@ def regulator_data(loop: Regulator) -> Data:
         "DRY_SHARE": regulator.DRY_SHARE,
         "DRY_KNEE": regulator.DRY_KNEE,
         # Without the row and the column that NumPy's regulator has for the torque.
-        "cost_to_go": loop.start[:5, :5],
+        "cost_to_go": loop.start[:4, :5],
     }
 
 

@@ -10,10 +10,11 @@
 typedef struct {
     int begun;               /* 0 before the first call */
     int acting;              /* whether the regulator acts */
-    double cost_to_go[5][5]; /* P of the errors and the friction f */
+    double cost_to_go[4][4]; /* P of the errors */
+    double friction[4];      /* its column of the friction f */
 } swingup_regulator;
 
-/* [A d b] of one step of the recursion, for base parameters theta. */
+/* [A b d] of one step of the recursion, for base parameters theta. */
 static inline void swingup_upright(const double theta[9], double step[4][6])
 {
     const double h = SWINGUP_RICCATI_STEP, half = 0.5 * h * h;
@@ -43,7 +44,7 @@ static inline void swingup_upright(const double theta[9], double step[4][6])
             step[i + 2][j] = (i + 2 == j) + h * slope[i][j] + half * twice;
         }
         for (j = 4; j < 6; j++) {
-            const double *w = inverse[j == 5 ? SWINGUP_DRIVEN : 1 - SWINGUP_DRIVEN];
+            const double *w = inverse[j == 4 ? SWINGUP_DRIVEN : 1 - SWINGUP_DRIVEN];
             step[i][j] = half * w[i];
             step[i + 2][j] = h * w[i] + half * (slope[i][2] * w[0] + slope[i][3] * w[1]);
         }
@@ -51,34 +52,35 @@ static inline void swingup_upright(const double theta[9], double step[4][6])
 }
 
 /* One step of the Riccati recursion: P of the steps to go. */
-static inline void swingup_riccati(double p[5][5], double step[4][6])
+static inline void swingup_riccati(swingup_regulator *c, double step[4][6])
 {
-    double moved[4][6], all[6][6];
+    double moved[4][6], all[5][6], (*p)[4] = c->cost_to_go;
     int i, j, k;
 
     for (i = 0; i < 4; i++) {
         for (j = 0; j < 6; j++) {
             /* f stays as it is. */
-            moved[i][j] = j == 4 ? p[i][4] : 0.0;
+            moved[i][j] = j < 5 ? 0.0 : c->friction[i];
             for (k = 0; k < 4; k++) {
                 moved[i][j] += p[i][k] * step[k][j];
             }
         }
     }
-    for (i = 0; i < 6; i++) {
+    for (i = 0; i < 5; i++) {
         for (j = i; j < 6; j++) {
-            /* Of what f costs, its products with the torque. */
             all[i][j] = 0.0;
             for (k = 0; k < 4; k++) {
-                all[i][j] += i == 4 ? step[k][j] * moved[k][i] : step[k][i] * moved[k][j];
+                all[i][j] += step[k][i] * moved[k][j];
             }
         }
     }
     for (i = 0; i < 4; i++) {
-        for (j = i; j < 5; j++) {
-            p[i][j] = p[j][i] = all[i][j] - all[i][5] * all[j][5] / (SWINGUP_TORQUE_WEIGHT + all[5][5]);
+        const double gain = all[i][4] / (SWINGUP_TORQUE_WEIGHT + all[4][4]);
+        for (j = i; j < 4; j++) {
+            p[i][j] = p[j][i] = all[i][j] - gain * all[j][4];
         }
         p[i][i] += swingup_state_weights[i];
+        c->friction[i] = all[i][5] - gain * all[4][5];
     }
 }
 
@@ -86,8 +88,9 @@ static inline void swingup_riccati(double p[5][5], double step[4][6])
 static inline void swingup_start(swingup_regulator *c)
 {
     int i;
-    for (i = 0; i < 25; i++) {
-        c->cost_to_go[i / 5][i % 5] = swingup_cost_to_go[i / 5][i % 5];
+    for (i = 0; i < 16; i++) {
+        c->cost_to_go[i / 4][i % 4] = swingup_cost_to_go[i / 4][i % 4];
+        c->friction[i / 4] = swingup_cost_to_go[i / 4][4];
     }
 }
 
@@ -96,7 +99,7 @@ static inline int swingup_regulate(swingup_regulator *c, const double theta[9], 
 {
     const int finite = swingup_finite(x, 4);
     const double dry = theta[7 - SWINGUP_DRIVEN];
-    double step[4][6], error[5], share = SWINGUP_TORQUE_WEIGHT, cost = 0.0;
+    double step[4][6], error[4], share = SWINGUP_TORQUE_WEIGHT, cost = 0.0, friction;
     int i, j;
 
     if (!c->begun) {
@@ -105,9 +108,9 @@ static inline int swingup_regulate(swingup_regulator *c, const double theta[9], 
     c->begun = 1;
     swingup_upright(theta, step);
     for (i = 0; i < SWINGUP_RICCATI_STEPS; i++) {
-        swingup_riccati(c->cost_to_go, step);
+        swingup_riccati(c, step);
     }
-    if (!swingup_finite(&c->cost_to_go[0][0], 25)) {
+    if (!swingup_finite(&c->cost_to_go[0][0], 16) || !swingup_finite(c->friction, 4)) {
         swingup_start(c);
     }
     *torque = 0.0;
@@ -115,16 +118,16 @@ static inline int swingup_regulate(swingup_regulator *c, const double theta[9], 
     error[1] = swingup_turned(x[1]);
     error[2] = x[2];
     error[3] = x[3];
-    error[4] = -SWINGUP_DRY_SHARE * dry * atan(SWINGUP_DRY_KNEE * x[3 - SWINGUP_DRIVEN]);
+    friction = -SWINGUP_DRY_SHARE * dry * atan(SWINGUP_DRY_KNEE * x[3 - SWINGUP_DRIVEN]);
     for (i = 0; i < 4; i++) {
         double pushed = 0.0;
         for (j = 0; j < 4; j++) {
             cost += error[i] * c->cost_to_go[i][j] * error[j];
-            pushed += c->cost_to_go[i][j] * step[j][5];
+            pushed += c->cost_to_go[i][j] * step[j][4];
         }
-        share += step[i][5] * pushed;
-        *torque -= c->cost_to_go[i][4] * step[i][5] * error[4];
-        for (j = 0; j < 5; j++) {
+        share += step[i][4] * pushed;
+        *torque -= (c->friction[i] * step[i][4] + pushed * step[i][5]) * friction;
+        for (j = 0; j < 4; j++) {
             *torque -= pushed * step[i][j] * error[j];
         }
     }
