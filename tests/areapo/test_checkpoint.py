@@ -37,10 +37,6 @@ def test_other_configurations_and_files_are_refused(path, tmp_path):
         ({"extra": jnp.zeros(1)}, "lacks extra"),
     ):  # fmt: skip
         assert named in refusal(load_checkpoint, path, TREE | changes)
-    good = path.read_bytes()
-    for size in (0, 10, 200, -1):
-        path.write_bytes(good[:size])
-        assert "truncated" in refusal(load_checkpoint, path, LIKE)
     assert "no such file" in refusal(load_checkpoint, tmp_path / "x.safetensors", LIKE)
     assert "cannot write" in refusal(save_checkpoint, tmp_path / "missing" / "c.safetensors", TREE, {})
     assert list(tmp_path.iterdir()) == [path]
