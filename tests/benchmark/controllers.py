@@ -4,7 +4,6 @@ import dataclasses
 import math
 from collections.abc import Callable
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -24,7 +23,7 @@ FRICTION = make_domain({"plant": "C.1", "design": "leaderboard", "passive_limit"
 class Memoryless(AbstractController):
     """Torques that are a function of time and state."""
 
-    torques: Callable = eqx.field(static=True)
+    torques: Callable  # a leaf that is no array, as a network's activation is
 
     def init(self):
         return None

@@ -2,14 +2,11 @@
 
 import dataclasses
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
-import numpy as np
 import pytest
 
 from refusals import refusal
-from swingup import AbstractController, judge
+from swingup import judge
 from swingup.benchmark.grid import change_grid
 
 from .controllers import BRIEF, SWINGING, Counting, Memoryless, PlainCounting, swinging
@@ -63,27 +60,6 @@ def test_a_plain_controller_that_raises_loses_that_simulation():
     result = judge(fragile, "acrobot", change_grid(loose("velocity_noise"), "velocity_noise=0:0.5:2:2"))
     assert [run.success for run in result.runs] == [True, True, False, False]
     assert "RuntimeError (too fast) at t = " in result.runs[3].fault
-
-
-class Network(AbstractController):
-    """A network from Equinox: its activation is a leaf that is no array."""
-
-    network: eqx.nn.MLP
-    label: str
-
-    def init(self):
-        return None
-
-    def __call__(self, carry, t, x):
-        return None, self.network(x.astype(jnp.float32)).astype(x.dtype)
-
-
-@pytest.mark.slow
-def test_controllers_may_hold_what_is_no_array():
-    """The checker: tests/controllers/test_check.py."""
-    controller = Network(eqx.nn.MLP(4, 2, 8, 1, key=jax.random.key(0)), "mine")
-    assert np.ptp(judge(controller, "acrobot").trajectory.u[:, 1]) > 0  # it is the network that acts
-    assert judge(controller, "acrobot", loose("delay")).values["delay"] == 100.0
 
 
 class Starting:

@@ -123,14 +123,6 @@ def test_rates_and_periods(kept, warns):
     assert {*names(picked(moved(REST), kept))} == warns
 
 
-@pytest.mark.parametrize("value", [1e9, -1e9])
-def test_absurd_values_are_only_warned_of(value):
-    x = np.full((5000, 4), value)
-    x[::2] *= -0.5
-    found = names(Trajectory(time=TIME, x=x, u=np.full((5000, 2), value)))
-    assert {"not_hanging", "torque_limit", "passive_torque", "one_step_defect"} <= set(found)
-
-
 @pytest.mark.slow
 def test_short_runs_score_nothing_and_say_so():
     up = moved((np.pi, 0.0, 0.0))

@@ -121,17 +121,6 @@ def test_noise_is_standard_normal_and_differs_from_step_to_step_and_key_to_key()
     assert np.abs(both - np.eye(9)).max() < 0.036
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-@pytest.mark.usefixtures("x64")
-def test_trajectory_has_the_dtype_of_the_first_state(robot, dtype):
-    def simulated(x0):
-        return simulate(Scenario(LEADERBOARD.driven(robot)), HANGING, x0, 0.002, 3)[1]
-
-    leaves = jax.tree.leaves(jax.eval_shape(simulated, jnp.zeros(4, dtype)))
-    assert {leaf.dtype.name for leaf in leaves} == {dtype}
-    assert [leaf.shape for leaf in leaves] == [(3,), (3, 4), (3, 2)]
-
-
 def test_evaluation_of_a_pendulum_that_hangs(either_robot):
     evaluation = judge(HANGING, either_robot, name="idle")
     trajectory = evaluation.trajectory

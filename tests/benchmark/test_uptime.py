@@ -158,17 +158,6 @@ def test_a_row_that_is_up_counts_with_the_time_before_it(robot):
     assert score(late, robot, UPTIME, force=True).score == pytest.approx(0.5)
 
 
-def test_up_is_strictly_above_nine_tenths_of_both_links():
-    # Upright but for the elbow: 0.2 - 0.3 cos(π + q2) passes 0.45 m where cos q2 = 5/6.
-    bend = np.arccos(0.25 / 0.3)
-    states = [DOWN, [np.pi, bend - 1e-6, 0, 0], [np.pi, bend + 1e-6, 0, 0], [-3 * np.pi, 2 * np.pi, 0, 0]]
-    found = score(rows([0.0, 1.0, 3.0, 7.0], states), "acrobot", UPTIME, force=True)
-    # Rows 1 (1 s) and 3 (4 s, full turns away) are up, row 2 is not.
-    assert 60 * found.score == pytest.approx(5.0)
-    assert found.runs[0].tip.highest == pytest.approx(0.5)
-    assert found.runs[0].tip.percent == pytest.approx(100.0)
-
-
 def test_throws_on_the_passive_joint_are_no_warning_and_neither_is_another_rate():
     time = 0.003 * np.arange(1000)
     u = np.tile([5.0, 0.0], (1000, 1))
