@@ -155,21 +155,6 @@ def test_line_search_keeps_the_cheapest_step(x64):
     assert cost_after(0.1, 1.0, 1.5) == pytest.approx(least, rel=1e-10)
 
 
-def test_a_batch_equals_single_problems(x64):
-    starts, idle = jnp.asarray(RANDOM.normal(size=(3, 4))), jnp.array([False, True, False])
-    settings = dataclasses.replace(PLAIN, regularisation=1.0)
-
-    def one(x0, idle):
-        return solve(Linear(), linear_cost(), x0, jnp.zeros(N), settings, idle)
-
-    batch = jax.jit(jax.vmap(one))(starts, idle)
-    for index in range(3):
-        alone = run(settings, x0=starts[index], idle=idle[index])
-        assert batch.iterations[index] == alone.iterations
-        np.testing.assert_allclose(batch.torque[index], alone.torque, atol=1e-9)
-    assert batch.iterations[1] == 0
-
-
 ACROBOT = ROBOTS["acrobot"]
 DRAWS = np.random.default_rng(0)
 STATES = DRAWS.uniform(-1, 1, (40, 4)) * [4, 4, 10, 10]

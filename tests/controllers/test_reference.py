@@ -141,16 +141,6 @@ def test_the_torques_rate_moves_the_torque_only_in_its_own_step(x64):
     np.testing.assert_allclose(columns[:5, :4], pendulum.jacobian(x[:4], x[4]), atol=1e-15)
 
 
-def test_guesses_are_seeded_and_end_at_rest(robot):
-    search = OPTIMAL_SETTINGS[robot.name].swingup.search
-    torques = search.guesses(181, 3)
-    assert torques.shape == (search.starts, 181)
-    np.testing.assert_array_equal(torques, search.guesses(181, 3))
-    assert np.abs(torques - search.guesses(181, 4)).max() > 0
-    assert np.abs(torques[:, 0]).max() <= search.first_torque
-    np.testing.assert_array_equal(torques[:, 144:], 0.0)
-
-
 def test_the_cheapest_finite_start_is_taken():
     rows = jnp.arange(3.0)
     solutions = Solution(rows, rows, jnp.array([jnp.nan, 2.0, 1.0]), rows, rows, rows)

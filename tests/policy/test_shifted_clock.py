@@ -4,13 +4,10 @@ What they command follows from the state estimate, the plant found and their own
 calls, no exact zeros and no periods or limits of a board decide. What they score stands at the end.
 """
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 import swingup
-from swingup.benchmark.boards import PERFORMANCE
 from swingup.controllers.registry import get_controller
 from swingup.plant.maths import NUMPY
 from swingup.policy.estimator.core import compensation
@@ -28,16 +25,6 @@ SHIFT = 1000.0
 """By which a clock is ahead (s)."""
 BINARY = 2.0**-9
 """A period near 2 ms (s). It has few digits: times with and without the shift differ by it to the last bit."""
-
-
-@ONE
-def test_a_shifted_clock_changes_no_bit(name):
-    """Where the shifted times lose no digits; the loop is closed, so that any difference would grow."""
-    _, states, expected = numpy_run(name, BINARY)
-    _, shifted_states, torques = numpy_run(name, BINARY, SHIFT)
-    np.testing.assert_array_equal(torques, expected)
-    np.testing.assert_array_equal(shifted_states, states)
-    assert np.ptp(expected) > 3
 
 
 @pytest.mark.slow
@@ -103,14 +90,3 @@ def test_scores(either_robot, policy, within):
     assert score > ({"acrobot": 0.699, "pendubot": 0.694}[name] if policy == ADAPTIVE else 0.3)
     in_numpy = swingup.judge(load_controller(policy, name), name).criteria.score
     assert in_numpy == pytest.approx(score, abs=within)
-
-
-@pytest.mark.slow
-def test_a_brief_run_without_the_estimator_is_for_the_plant_of_the_file(either_robot):
-    """On that plant the identifier changes little."""
-    name, rules = either_robot.name, dataclasses.replace(PERFORMANCE, duration=4.0)
-    both = [
-        swingup.judge(load_controller(ADAPTIVE, name, estimator=wanted), name, rules).criteria
-        for wanted in (None, False)
-    ]
-    assert both[0].score == pytest.approx(both[1].score, abs=0.05)

@@ -15,7 +15,7 @@ from swingup.cli.plotting import plot_command
 from swingup.plant.robots import ROBOTS
 from swingup.report import figures
 from swingup.report.draw import draw, render
-from swingup.report.figures import unwrapped, upright_near
+from swingup.report.figures import unwrapped
 from swingup.report.inputs import make_labels
 
 
@@ -97,11 +97,6 @@ def test_angles_are_unwrapped_and_start_near_hanging():
     q = unwrapped(x)
     np.testing.assert_allclose(q[:, 0], np.linspace(0, 3 * np.pi, 50), atol=1e-12)
     np.testing.assert_allclose(q[:, 1], 0.0, atol=1e-12)
-
-
-def test_goal_is_the_upright_angle_nearest_to_the_end():
-    for end, turns in (((3.0, 0.1), (0.5, 0)), ((-3.0, -6.0), (-0.5, -1)), ((9.0, 13.0), (1.5, 2))):
-        np.testing.assert_allclose(upright_near(np.array(end)), 2 * np.pi * np.array(turns))
 
 
 def test_phase_portraits_show_each_joint_from_start_to_goal():
