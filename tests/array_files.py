@@ -8,7 +8,6 @@ from safetensors.numpy import load_file, save_file
 
 
 def read_metadata(path):
-    """The metadata of a file."""
     with safe_open(path, "np") as file:
         return json.loads(file.metadata()["swingup"])
 

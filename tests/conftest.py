@@ -35,7 +35,6 @@ from swingup.plant.robots import ROBOTS  # noqa: E402
 
 @pytest.fixture(params=list(ROBOTS.values()), ids=list(ROBOTS))
 def robot(request):
-    """Each robot in turn."""
     return request.param
 
 

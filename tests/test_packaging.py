@@ -86,7 +86,6 @@ def distributions(tmp_path_factory):
 
 
 def ours():
-    """The package's files, relative to the folder that holds it."""
     files = (path for path in PACKAGE.rglob("*") if path.is_file() and "__pycache__" not in path.parts)
     return {path.relative_to(PACKAGE.parent).as_posix() for path in files}
 

@@ -95,8 +95,6 @@ def test_settings_and_what_is_harmless(tmp_path):
 
 
 class LowPass:
-    """A filter with the methods of RealAIGym's."""
-
     def __init__(self):
         self.begun = 0
 
@@ -139,7 +137,6 @@ def test_a_clock_may_count_from_any_moment(name, zero):
 
 @pytest.mark.parametrize("x", [[0.0] * 3, np.zeros((4, 1)), 0.0, None, "1234", [[0.0], [1.0, 2.0]]])
 def test_a_state_of_another_shape_is_refused(x):
-    """A line, and no IndexError inside the loop."""
     controller, filtered = (wrapped("ar-eapo", "acrobot") for _ in range(2))
     assert "damping = [0.1]" in refusal(controller.set_friction_compensation, damping=[0.1])
     filtered.set_filter(lambda *_: x)

@@ -166,7 +166,6 @@ def test_local_workers_die_alone_and_end_with_an_interrupt():
 
 
 def workers_of(pid):
-    """The worker processes that a process started."""
     shown = subprocess.run(
         ["ps", "-ww", "-eo", "pid=,ppid=,args="], capture_output=True, text=True, check=True
     ).stdout

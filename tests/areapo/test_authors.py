@@ -21,7 +21,6 @@ estimate = jax.jit(algorithm.estimate)
 
 @pytest.fixture
 def authors(robot):
-    """The authors' numbers, by name."""
     with np.load(DATA / f"authors-{robot.name}.npz") as file:
         return dict(file)
 

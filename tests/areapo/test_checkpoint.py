@@ -31,15 +31,12 @@ def test_round_trip_is_exact(path):
     np.testing.assert_array_equal(jax.random.normal(tree["key"], (3,)), jax.random.normal(TREE["key"], (3,)))
 
 
-def test_other_configurations_and_files_are_refused(path, tmp_path):
+def test_other_configurations_are_refused(path):
     for changes, named in (
         ({"weights": jnp.zeros(4)}, "weights as float32[3]"), ({"weights": jnp.zeros(3, jnp.int32)}, "needs int32"),
         ({"extra": jnp.zeros(1)}, "lacks extra"),
     ):  # fmt: skip
         assert named in refusal(load_checkpoint, path, TREE | changes)
-    assert "no such file" in refusal(load_checkpoint, tmp_path / "x.safetensors", LIKE)
-    assert "cannot write" in refusal(save_checkpoint, tmp_path / "missing" / "c.safetensors", TREE, {})
-    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_large_configuration_is_read_and_a_large_foreign_array_is_not(path, monkeypatch):

@@ -45,7 +45,6 @@ def values(state, observations):
 
 @jax.jit
 def outputs(network, state, observations):
-    """A network's outputs at raw observations."""
     stage = state.statistics.stage()
     return jax.vmap(lambda o: network(stage(o)))(jnp.asarray(observations)[:, None])
 

@@ -32,7 +32,6 @@ def gravity(p, x):
 
 
 def rk4(p, x, u, dt):
-    """One step of the classical Runge-Kutta method."""
     k1 = derivative(p, x, u)
     k2 = derivative(p, x + dt / 2 * k1, u)
     k3 = derivative(p, x + dt / 2 * k2, u)

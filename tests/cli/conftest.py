@@ -40,8 +40,6 @@ def run_json(run):
 
 @pytest.fixture
 def change_boards(monkeypatch):
-    """Changes fields of boards for one test."""
-
     def change(names, **fields):
         for name in names.split():
             monkeypatch.setitem(BOARDS, name, dataclasses.replace(BOARDS[name], **fields))

@@ -118,7 +118,6 @@ def test_nonsense_is_refused_in_one_line_that_names_it(words, named, refused):
 
 @pytest.mark.parametrize("words", OUT)
 def test_a_link_to_itself_and_a_name_of_300_letters(words, refused, tmp_path):
-    """As a file, a folder, and a suffix that the command wants."""
     (ending,) = [suffix for end, suffix in ENDINGS.items() if words.startswith(end)] or [""]
     (tmp_path / f"loop{ending}").symlink_to(f"loop{ending}")
     for name in (f"loop{ending}", "x" * 300 + ending):

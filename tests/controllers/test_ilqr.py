@@ -164,7 +164,6 @@ TORQUES = DRAWS.uniform(-6, 6, 40)
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(None, None, None, 0, 0))
 def judged(p, actuation, dt, x, u):
-    """The judge's steps."""
     return rk4_step(p, x, u * jnp.asarray(actuation), dt)
 
 

@@ -87,7 +87,6 @@ def test_plants_that_move_alike_have_the_same_controller(robot, similar, x64):
 
 
 def test_a_swing_up_is_saved_in_real_units(x64, robot, similar):
-    """It is a motion of the plant itself."""
     plant = similar(LEADERBOARD.driven(robot))
     shipped = shipped_reference(robot, "score")[0]
     own = in_real_units(shipped, scales_of(plant))

@@ -77,7 +77,6 @@ HEADER = "time,pos_meas1,pos_meas2,vel_meas1,vel_meas2,tau_con1,tau_con2"
 
 
 def trajectory(random):
-    """A CSV file of a trajectory."""
     count = random.choice([0, 1, 2, 3, 10, 60])
     titles, rows = HEADER.split(","), [[f"{0.2 * k:g}", "0.1", "0", "0", "0.5", "0", "1"] for k in range(count)]
     for _ in range(random.choice([1, 1, 2, 3])):
@@ -156,7 +155,6 @@ PARTS = {
 
 
 def policy(random):
-    """A policy file of a pendulum."""
     draw = np.random.default_rng(random.randrange(1 << 30)).normal
     metadata = {
         "format": "swingup policy", "format_version": 1, "robot": "acrobot", "torque_limit": 6.0, "seed": 0,
@@ -182,7 +180,6 @@ def policy(random):
 
 
 def file_of(random, metadata, arrays):
-    """A file of arrays."""
     if random.random() < 0.5:
         metadata = several(random, mutate, metadata)
     return spoilt_arrays(random, json.dumps(metadata), arrays)
@@ -217,7 +214,6 @@ ROW = {"seed": 0, "frames": 1024, "reward": 0.5, "score": 0.1, "best_score": 0.2
 
 
 def metrics(random):
-    """Rows of metrics."""
     rows = [json.dumps(ROW | {"frames": 1024 * k}).encode() for k in range(1, 6)]
     rows[random.randrange(len(rows))] = json_text(random, ROW)
     data = b"\n".join(rows) + b"\n"
@@ -262,7 +258,6 @@ HEADS = [
 
 
 def model(random):
-    """A URDF or an MJCF."""
     text = random.choice(MODELS)
     for _ in range(random.choice([1, 1, 2, 4])):
         kind, values = random.random(), [*re.finditer(r'"[^"]*"', text)]

@@ -113,7 +113,6 @@ def test_adapter_keeps_the_contract(name):
 
 
 def test_numbers_of_an_environment_are_arguments():
-    """Environments that differ in a number share a compiled step."""
     env, compilations = Corridor(), []
 
     @jax.jit

@@ -58,7 +58,6 @@ def test_next_step_spends_a_row_on_the_reset(kind):
 
 
 def test_actions_are_those_of_the_space():
-    """Scaled to its bounds, or counted from its start."""
     actions = space_actions(Box(np.array([-2.0, 0.0], np.float32), np.array([2.0, 1.0], np.float32)))
     found = actions(np.array([[-1.0, -1.0], [0.0, 0.0], [1.0, 1.0], [0.5, 0.5]]))
     np.testing.assert_allclose(found, [[-2.0, 0.0], [0.0, 0.5], [2.0, 1.0], [1.0, 0.75]])

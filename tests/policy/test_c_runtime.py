@@ -79,7 +79,6 @@ int main(void)
 
 
 def write(folder, parts, name="acrobot-told"):
-    """The runtime, data for some parts of a policy, and the program."""
     told = policy(name)
     # Its motor gives half of what the policy asks for, and less than braking.
     weak = dataclasses.replace(told.plant, **{f"tl{told.robot.joint + 1}": 0.5 * told.torque_limit})

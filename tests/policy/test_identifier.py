@@ -117,7 +117,6 @@ def test_the_nominal_plant_stays():
 
 
 def quantised(step, q):
-    """An encoder's steps."""
     return np.round(q / 3.81e-4) * 3.81e-4
 
 

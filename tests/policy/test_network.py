@@ -121,7 +121,6 @@ def of_kind(activation, bounds="tanh"):
 
 @pytest.mark.parametrize(("activation", "bounds"), [*((name, "tanh") for name in BY_HAND), ("tanh", "clip")])
 def test_a_policy_file_in_jax_and_in_numpy(tmp_path, activation, bounds):
-    """Both back ends compute what is written here by hand, from a file."""
     save_controller(tmp_path / "p.safetensors", of_kind(activation, bounds), {})
     found, states = read_pendulum_policy(tmp_path / "p.safetensors"), random_states()[:5]
     numpy, network = numpy_controller(found), found.network

@@ -151,7 +151,6 @@ LOADING_TIME, CALLING_TIME = 30.0, 5.0
 
 
 def write_folder(folder, body="return [0.0, 0.5]", head="", name="con_fake.py"):
-    """A folder whose controller's call has this body."""
     folder.mkdir(exist_ok=True)
     lines = ["import os, signal, sys, time", head, "class Controller:", '    robot = "acrobot"']
     lines += ["    def get_control_output(self, x, t):", f"        {body}", "controller = Controller()"]

@@ -9,5 +9,4 @@ from .pages import make_section
 
 @pytest.fixture(scope="session")
 def sections():
-    """A section for each robot."""
     return [make_section(robot) for robot in ROBOTS.values()]

@@ -39,7 +39,6 @@ def steps(task, x, count, actions, keys):
 
 
 def step_from(task, x, action=0.0, count=0):
-    """One transition."""
     x, action = (jnp.tile(jnp.array(entries, jnp.float32), (BATCH, 1)) for entries in (x, [action]))
     result = steps(task, x, count, action, jax.random.split(KEY, BATCH))
     return jax.tree.map(lambda leaf: np.asarray(leaf)[0], result)
