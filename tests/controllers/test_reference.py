@@ -64,10 +64,7 @@ def test_shipped_trajectories_have_the_published_figures(robot):
     [("acrobot", "published", PUBLISHED_SETTINGS, 1e-6, 1e-3), ("pendubot", "score", OPTIMAL_SETTINGS, 1e-4, 1e-2)],
 )
 def test_a_shipped_trajectory_can_be_recomputed(name, problem, settings, rtol, atol):
-    """One robot's of each: the published pendubot's takes more than four times as many iterations of one program.
-
-    That its ``score`` is optimal for the other robot, too, small changes of the torques tell.
-    """
+    """One robot's of each: the published pendubot's takes four times as long, small changes tell of ``score``."""
     shipped, metadata = shipped_reference(name, problem)
     reference, provenance = compute_reference(name, settings[name].swingup, metadata["seed"])
     assert provenance["cost"] == pytest.approx(metadata["cost"], rel=rtol)

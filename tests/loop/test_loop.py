@@ -122,10 +122,7 @@ def test_ripple_and_noise_at_rest_do_not_integrate():
 
 
 def test_a_push_adds_to_a_motor_that_hardly_moves():
-    """At 10 N m/s a motor gains 0.02 N m a step: after k steps at a command of 6 N m, 0.02 k and the push act.
-
-    The other one, of limit 0.5 N m, is asked for -6.
-    """
+    """At 10 N m/s each gains 0.02 N m a step: the first is asked for 6 N m, the other, of limit 0.5 N m, for -6."""
     pushes = Pushes(np.full((2, 1), 0.01), np.full((2, 1), 0.01), np.array([[1.0], [0.0]]))
     disturbance = dataclasses.replace(CALM.changed(rate_limit=10.0), pushes=pushes)
     acting, _ = torques(disturbance, jnp.array([6.0, -6.0]), jnp.zeros(2), jnp.zeros(2), 400)
