@@ -122,7 +122,7 @@ def test_adapt_goes_from_a_domain_to_a_judged_policy_and_a_page(tmp_path, monkey
     words = "refine acrobot --recipe adapt --domain identified --frames 8192 --seeds 2 --out mine.safetensors"
     out = run(words, "--page", "mine.html")
     assert "trained for them: 0 of 2 draws" in out
-    assert ("has the one before" in out) == shipped
+    assert "mine.safetensors has the one before" in out
     assert re.search(r"with more recoveries: (\d) of 2 draws", out)[1] == ("2" if shipped else "0")
     assert "mine.safetensors (board sim2real, domain identified, seed 20000 to 20001)" in out
     assert re.search(r"Success +(\d) of 2", out)[1] == ("2" if shipped else "0")
