@@ -36,7 +36,7 @@ def estimate_of(authors, gains):
     """
     following = both(authors, "next_value", "next_entropy_value")
     given = {
-        "critic": Critic(trunk=(), heads=Linear(jnp.eye(2), jnp.zeros(2))),
+        "critic": Critic(trunk=(), activation="relu", heads=Linear(jnp.eye(2), jnp.zeros(2))),
         "gains": jnp.array(gains[:2], jnp.float32),
         "gain_trace": jnp.array(gains[2], jnp.float32),
         "observations": following[-1],  # no environment of the excerpt was truncated in the last step

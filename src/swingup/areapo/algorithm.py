@@ -19,10 +19,10 @@ from .config import Config
 from .initial import begin_episodes, fit_deviation, init_learner
 from .keys import COLLECT, IMPROVE, NEXT
 from .metrics import LossMetrics, Metrics, make_metrics
-from .networks import AbstractActor, Critic, sample_actions
+from .networks import AnyActor, Critic, sample_actions
 from .optimisation import adapted_step, make_optimiser, scheduled, shuffled
 from .reward_scale import scale_rewards
-from .state import Frames, LearnerState, Rollout, RolloutKeys, reset_ended, rollout_keys
+from .state import Frames, LearnerState, Rollout, reset_ended
 from .statistics import mean, pair_mean, standardise
 from .terminations import charge_resets, values_after
 
@@ -62,11 +62,11 @@ def iteration(state: LearnerState, task: Task, config: Config) -> tuple[LearnerS
 def collect(state: LearnerState, task: Task, config: Config) -> tuple[LearnerState, Rollout]:
     """Act for ``num_steps`` in every environment; reset those that ended."""
 
-    def act(carry: tuple[Any, ...], keys: RolloutKeys) -> tuple[tuple[Any, ...], Rollout]:
-        task_states, observations, statistics = carry
-        chosen = sample_actions(state.actor, observations, state.actor.noise(keys.sample, (config.num_envs,)))
-        step = jax.vmap(task.step)(task_states, chosen.actions, keys.step)
-        following = reset_ended(task, step.terminated | step.truncated, step.state, keys.reset)
+    def act(carry: tuple[Any, ...], keys: tuple[Key, Key, Key]) -> tuple[tuple[Any, ...], Rollout]:
+        (task_states, observations, statistics), (sample_key, step_keys, reset_keys) = carry, keys
+        chosen = sample_actions(state.actor, observations, state.actor.noise(sample_key, (config.num_envs,)))
+        step = jax.vmap(task.step)(task_states, chosen.actions, step_keys)
+        following = reset_ended(task, step.terminated | step.truncated, step.state, reset_keys)
         seen = jax.vmap(task.observe)(following)
         # The statistics take in the states after the resets before they normalise, as in the authors' code.
         statistics = statistics.update(seen)
@@ -75,7 +75,10 @@ def collect(state: LearnerState, task: Task, config: Config) -> tuple[LearnerSta
         return (following, normalise(seen), statistics), Rollout(*row, step.terminated, step.truncated)
 
     carry = (state.task_states, state.observations, state.statistics)
-    keys = rollout_keys(jax.random.fold_in(state.key, COLLECT), config.num_steps, config.num_envs)
+    # All keys are split at once: in the loop over the steps each split costs as much.
+    sample, step, reset = jax.random.split(jax.random.fold_in(state.key, COLLECT), 3)
+    steps, each = config.num_steps, (config.num_steps, config.num_envs)
+    keys = (jax.random.split(sample, steps), jax.random.split(step, each), jax.random.split(reset, each))
     (task_states, observations, statistics), rollout = jax.lax.scan(act, carry, keys)
     return replace(state, task_states=task_states, observations=observations, statistics=statistics), rollout
 
@@ -179,7 +182,7 @@ def improve(state: LearnerState, frames: Frames, config: Config) -> tuple[Learne
     return replace(state, actor=actor, critic=critic, optimiser=optimiser_state), losses, gradient_norm
 
 
-def loss(networks: tuple[AbstractActor, Critic], frames: Frames, config: Config) -> tuple[Scalar, LossMetrics]:
+def loss(networks: tuple[AnyActor, Critic], frames: Frames, config: Config) -> tuple[Scalar, LossMetrics]:
     """-L(θ) + c · [MSE_v, MSE_vH], with L(θ) = mean min(r A, clip(r, 1 - ε, 1 + ε) A) (eq. 15), A the soft ones."""
     actor, critic = networks
     # Features first: XLA has fast CPU kernels for the products of this form (see networks).

@@ -11,7 +11,7 @@ from ..common.types import Key
 from ..policy.network.layers import RELU, TANH, Activation, Bounds
 from ..tasks.task import Spaces
 from .config import Config
-from .networks import BOUNDS, AbstractActor, Actor, CategoricalActor, Critic, Linear
+from .networks import BOUNDS, Actor, AnyActor, CategoricalActor, Critic, Linear
 from .optimisation import make_optimiser
 from .state import LearnerState, Rollout
 from .statistics import mean, running_statistics
@@ -27,7 +27,7 @@ def init_learner(key: Key, spaces: Spaces, config: Config) -> LearnerState:
     """The state of a learner that has observed no environment yet; gains and their trace start at 0."""
     actor_key, critic_key, state_key = jax.random.split(key, 3)
     size, layers, activation = spaces.observation_size, config.policy_layers, config.activation
-    actor: AbstractActor
+    actor: AnyActor
     if spaces.choices:
         actor = init_categorical_actor(actor_key, size, spaces.choices, layers, activation)
     else:
@@ -126,7 +126,7 @@ def init_critic(key: Key, observation_size: int, layers: tuple[int, ...], activa
     # Two heads, as in the authors' code: a joint matrix would make their rows orthogonal to each other.
     rows = [_init_linear(head_key, layers[-1], 1, 1.0).weight for head_key in head_keys]
     heads = Linear(jnp.concatenate(rows), jnp.zeros(2))
-    return Critic(_init_trunk(trunk_key, observation_size, layers), heads, activation)
+    return Critic(_init_trunk(trunk_key, observation_size, layers), activation, heads)
 
 
 def _init_trunk(key: Key, observation_size: int, layers: tuple[int, ...]) -> tuple[Linear, ...]:

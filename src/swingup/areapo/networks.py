@@ -7,7 +7,6 @@ Networks take one observation, or a batch whose axis comes last. With the featur
 update have a form for which XLA has a fast CPU kernel. ``vmap`` does not reach that form and is a tenth slower.
 """
 
-import abc
 import itertools
 import math
 from collections.abc import Callable
@@ -20,7 +19,7 @@ from jaxtyping import Array, Float, Int, Shaped
 
 from ..common.errors import SwingupError
 from ..common.types import Key
-from ..policy.network.layers import FLOAT32_SUM_WIDTH, RELU, TANH, Activation, Bounds
+from ..policy.network.layers import FLOAT32_SUM_WIDTH, TANH, Activation, Bounds
 
 LOG_STD_RANGE = (-20.0, 2.0)
 """Range to which log σ is clamped (authors' code)."""
@@ -40,23 +39,7 @@ _LOG_2 = math.log(2.0)
 _LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
 
 
-class AbstractDistribution(eqx.Module):
-    """π(·|s) over m entries, independent given the state."""
-
-    @abc.abstractmethod
-    def sample(self, noise: Float[Array, "k *batch"]) -> Shaped[Array, "m *batch"]:
-        """The latent that standard noise gives (:meth:`AbstractActor.noise`)."""
-
-    @abc.abstractmethod
-    def log_prob(self, z: Shaped[Array, "m *batch"]) -> Float[Array, "*batch"]:
-        """Log density (or log probability) of the action of a latent (nats), summed over the entries."""
-
-    @abc.abstractmethod
-    def action(self, z: Shaped[Array, "m *batch"]) -> Shaped[Array, "m *batch"]:
-        """The task's action for a latent."""
-
-
-class BoundedGaussian(AbstractDistribution):
+class BoundedGaussian(eqx.Module):
     """Distribution of a = tanh(z) or clip(z) in [-1, 1], z ~ N(mean, exp(log_std)²), entries independent."""
 
     mean: Float[Array, "m *batch"]
@@ -68,7 +51,7 @@ class BoundedGaussian(AbstractDistribution):
         return self.mean + jnp.exp(self.log_std) * noise
 
     def log_prob(self, z: Float[Array, "m *batch"]) -> Float[Array, "*batch"]:
-        """Log density, summed over the entries: log N(z) with clip, log N(z) - log(1 - tanh(z)²) of a = tanh(z)."""
+        """Log density (nats): the sum of log N(z) with clip, of log N(z) - log(1 - tanh(z)²) for a = tanh(z)."""
         standardised = (z - self.mean) * jnp.exp(-self.log_std)
         terms = -0.5 * standardised**2 - self.log_std - _LOG_SQRT_2PI
         if self.bounds == TANH:
@@ -81,7 +64,7 @@ class BoundedGaussian(AbstractDistribution):
         return BOUNDS[self.bounds](z)
 
 
-class Categoricals(AbstractDistribution):
+class Categoricals(eqx.Module):
     """Distribution of m actions, the i-th one of 0 … choices[i] - 1; a latent is the action itself."""
 
     logits: Float[Array, "k *batch"]
@@ -96,11 +79,7 @@ class Categoricals(AbstractDistribution):
 
     def sample(self, noise: Float[Array, "k *batch"]) -> Int[Array, "m *batch"]:
         """The actions for Gumbel noise: the most probable alternative after its addition (the Gumbel-max trick)."""
-        return self._most(self.logits + noise)
-
-    def _most(self, values: Float[Array, "k *batch"]) -> Int[Array, "m *batch"]:
-        """The alternative of each action with the largest value."""
-        return jnp.stack([jnp.argmax(each, axis=0) for each in self._each(values)])
+        return jnp.stack([jnp.argmax(each, axis=0) for each in self._each(self.logits + noise)])
 
     def log_prob(self, z: Int[Array, "m *batch"]) -> Float[Array, "*batch"]:
         """Log probability of actions (nats): the sum of log softmax over the m actions."""
@@ -114,10 +93,6 @@ class Categoricals(AbstractDistribution):
         """The actions as they are."""
         return z
 
-    def mode(self) -> Int[Array, "m *batch"]:
-        """The most probable alternative of each action."""
-        return self._most(self.logits)
-
 
 class Linear(eqx.Module):
     """y = W x + b, in the precision of x."""
@@ -130,30 +105,22 @@ class Linear(eqx.Module):
         return product(jnp.asarray(self.weight), x) + beside(self.bias, x)
 
 
-class AbstractActor(eqx.Module):
-    """π(a|s): hidden layers, then a distribution over actions."""
-
-    trunk: eqx.AbstractVar[tuple[Linear, ...]]
-    activation: eqx.AbstractVar[Activation]
-
-    @abc.abstractmethod
-    def __call__(self, observation: Float[Array, "n *batch"]) -> AbstractDistribution:
-        """Distribution of the action for normalised observations."""
-
-    @abc.abstractmethod
-    def noise(self, key: Key, batch: tuple[int, ...]) -> Float[Array, "k *batch"]:
-        """Standard noise that the distribution makes a sample of; it depends on no observation and no weight."""
-
-    @abc.abstractmethod
-    def mode(self, observation: Float[Array, "n *batch"]) -> Shaped[Array, "m *batch"]:
-        """The deterministic action for normalised observations."""
-
-
-class Actor(AbstractActor):
-    """π(a|s) of continuous actions, a bounded Gaussian: by tanh if σ depends on the state, else by clipping."""
+class AbstractNetwork(eqx.Module):
+    """Hidden layers, on which an actor or a critic has its heads."""
 
     trunk: tuple[Linear, ...]
     activation: Activation = eqx.field(static=True)
+
+    def features(self, observation: Float[Array, "n *batch"]) -> Float[Array, "width *batch"]:
+        """The output of the last hidden layer for normalised observations, which without layers are its own."""
+        for layer in self.trunk:
+            observation = ACTIVATIONS[self.activation](layer(observation))
+        return observation
+
+
+class Actor(AbstractNetwork):
+    """π(a|s) of continuous actions, a bounded Gaussian: by tanh if σ depends on the state, else by clipping."""
+
     mean_head: Linear
     std_head: Linear | None
     """None in a policy file that holds only the deterministic policy."""
@@ -164,7 +131,7 @@ class Actor(AbstractActor):
         """Distribution of the action; log σ in [-20, 2] is log softplus(w·h + b) (authors' code), or b alone."""
         if self.std_head is None:
             raise SwingupError("this policy has no standard deviation: ask for its deterministic action")
-        features = hidden_features(self.trunk, self.activation, observation)
+        features = self.features(observation)
         mean = self.mean_head(features)
         if self.bounds == TANH:
             log_std = jnp.log(jax.nn.softplus(_clamped(self.std_head(features), *STD_OUTPUT_RANGE)))
@@ -174,28 +141,25 @@ class Actor(AbstractActor):
         return BoundedGaussian(mean, log_std, self.bounds)
 
     def noise(self, key: Key, batch: tuple[int, ...]) -> Float[Array, "m *batch"]:
-        """Normal noise."""
+        """Normal noise, of which the distribution makes a sample; it depends on no observation and no weight."""
         bias = self.mean_head.bias
         return jax.random.normal(key, (*bias.shape, *batch), bias.dtype)
 
     def mode(self, observation: Float[Array, "n *batch"]) -> Float[Array, "m *batch"]:
         """The deterministic action, that of the mean, as the authors use it."""
-        return BOUNDS[self.bounds](self.mean_head(hidden_features(self.trunk, self.activation, observation)))
+        return BOUNDS[self.bounds](self.mean_head(self.features(observation)))
 
 
-class CategoricalActor(AbstractActor):
+class CategoricalActor(AbstractNetwork):
     """π(a|s) of discrete actions: a categorical distribution for each of them."""
 
-    trunk: tuple[Linear, ...]
-    activation: Activation = eqx.field(static=True)
     logits_head: Linear
     choices: tuple[int, ...] = eqx.field(static=True)
     """Number of alternatives of each action."""
 
     def __call__(self, observation: Float[Array, "n *batch"]) -> Categoricals:
         """Distribution of the actions."""
-        features = hidden_features(self.trunk, self.activation, observation)
-        return Categoricals(self.logits_head(features), self.choices)
+        return Categoricals(self.logits_head(self.features(observation)), self.choices)
 
     def noise(self, key: Key, batch: tuple[int, ...]) -> Float[Array, "k *batch"]:
         """Gumbel noise for each alternative."""
@@ -204,19 +168,20 @@ class CategoricalActor(AbstractActor):
 
     def mode(self, observation: Float[Array, "n *batch"]) -> Int[Array, "m *batch"]:
         """The most probable alternative of each action."""
-        return self(observation).mode()
+        return self(observation).sample(jnp.zeros(()))
 
 
-class Critic(eqx.Module):
+AnyActor = Actor | CategoricalActor
+
+
+class Critic(AbstractNetwork):
     """The bias values v and v_H: two linear heads on hidden layers of their own."""
 
-    trunk: tuple[Linear, ...]
     heads: Linear
-    activation: Activation = eqx.field(static=True, default=RELU)
 
     def __call__(self, observation: Float[Array, "n *batch"]) -> Float[Array, "2 *batch"]:
         """[v(s), v_H(s)] for normalised observations."""
-        return self.heads(hidden_features(self.trunk, self.activation, observation))
+        return self.heads(self.features(observation))
 
     def with_values(self, scale: Float[Array, "2"], shift: Float[Array, "2"]) -> "Critic":
         """The critic whose values are ``scale`` times these, less ``shift``."""
@@ -234,7 +199,7 @@ class ActionSample(eqx.Module):
 
 
 def sample_actions(
-    actor: AbstractActor, observations: Float[Array, "envs n"], noise: Float[Array, "k envs"]
+    actor: AnyActor, observations: Float[Array, "envs n"], noise: Float[Array, "k envs"]
 ) -> ActionSample:
     """The action that the actor's noise gives in each environment, for normalised observations."""
     policy = actor(observations.T)
@@ -245,15 +210,6 @@ def sample_actions(
 def _clamped(x: Float[Array, "..."], low: float, high: float) -> Float[Array, "..."]:
     """Values within bounds, with a gradient beyond, too: a policy that a rare state threw there can come back."""
     return x + jax.lax.stop_gradient(jnp.clip(x, low, high) - x)
-
-
-def hidden_features(
-    trunk: tuple[Linear, ...], activation: Activation, observation: Float[Array, "n *batch"]
-) -> Float[Array, "width *batch"]:
-    """The output of the last hidden layer; without layers the observation itself."""
-    for layer in trunk:
-        observation = ACTIVATIONS[activation](layer(observation))
-    return observation
 
 
 def product(weight: Float[Array, "out in"], x: Float[Array, "in *batch"]) -> Float[Array, "out *batch"]:

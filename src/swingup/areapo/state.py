@@ -1,6 +1,6 @@
 """The state between iterations, the rollout of one iteration, and the frames to learn from."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -10,14 +10,14 @@ from jaxtyping import Array, Bool, Float, Shaped
 
 from ..common.types import Count, Key, Scalar
 from ..tasks.task import AbstractTask
-from .networks import AbstractActor, Critic
+from .networks import AnyActor, Critic
 from .statistics import RunningStatistics, mean
 
 
 class LearnerState(eqx.Module):
     """Everything that training needs to continue bit for bit."""
 
-    actor: AbstractActor
+    actor: AnyActor
     critic: Critic
     optimiser: optax.OptState
     gains: Float[Array, "2"]
@@ -59,17 +59,6 @@ class Rollout(eqx.Module):
     """0 for a row in which an environment did nothing but reset itself, else 1; None: all rows count."""
 
 
-class RolloutKeys(NamedTuple):
-    """The keys of a compiled rollout; scanned, those of one step."""
-
-    sample: Key
-    """One a step: all environments draw their actions together."""
-    step: Key
-    """One for each environment at each step."""
-    reset: Key
-    """One for each environment at each step."""
-
-
 class Frames(eqx.Module):
     """Frames to learn from; every leaf has the same leading axes."""
 
@@ -85,13 +74,6 @@ class Frames(eqx.Module):
     """λ-returns of both objectives: the critic's targets."""
     weights: Float[Array, "*b"] | None = None
     """1 for a frame that counts, 0 for one that does not; None: all count."""
-
-
-def rollout_keys(key: Key, steps: int, envs: int) -> RolloutKeys:
-    """The keys of a compiled rollout, split at once: in the loop over the steps each split costs as much."""
-    sample, step, reset = jax.random.split(key, 3)
-    each = (steps, envs)
-    return RolloutKeys(jax.random.split(sample, steps), jax.random.split(step, each), jax.random.split(reset, each))
 
 
 def termination_rate(rollout: Rollout) -> Scalar:

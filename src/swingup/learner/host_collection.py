@@ -13,7 +13,7 @@ from ..areapo import algorithm
 from ..areapo.config import Config
 from ..areapo.keys import COLLECT
 from ..areapo.metrics import Metrics
-from ..areapo.networks import AbstractActor, ActionSample, sample_actions
+from ..areapo.networks import ActionSample, AnyActor, sample_actions
 from ..areapo.state import LearnerState, Rollout
 from ..areapo.statistics import RunningStatistics
 from ..common.fetch import fetch
@@ -83,7 +83,7 @@ def _stack(arrays: Iterable[np.ndarray]) -> Any:
 
 
 @jax.jit
-def _noise(actor: AbstractActor, key: Key, config: Config) -> Float[Array, "decisions k envs"]:
+def _noise(actor: AnyActor, key: Key, config: Config) -> Float[Array, "decisions k envs"]:
     """The noise of all decisions of a rollout: drawn at each step, it would take a quarter of the step's call."""
     keys = jax.random.split(jax.random.fold_in(key, COLLECT), config.num_steps + 1)
     return jax.vmap(lambda each: actor.noise(each, (config.num_envs,)))(keys)
@@ -91,7 +91,7 @@ def _noise(actor: AbstractActor, key: Key, config: Config) -> Float[Array, "deci
 
 @jax.jit
 def _advance(
-    actor: AbstractActor,
+    actor: AnyActor,
     statistics: RunningStatistics,
     following: Float[Array, "envs n"],
     true_next: Float[Array, "envs n"] | None,

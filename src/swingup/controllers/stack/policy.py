@@ -10,13 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Shaped
 
-from ...areapo.networks import AbstractActor, Actor, CategoricalActor, Linear, sample_actions
+from ...areapo.networks import Actor, AnyActor, CategoricalActor, Linear, sample_actions
 from ...common.types import Action, Key, Observation
 from ...policy.file import write_network
 from ...policy.network.layers import Layer, Network
 from ...tasks.observation import PlantStage, Stage
 
-ActorT = TypeVar("ActorT", bound=AbstractActor)
+ActorT = TypeVar("ActorT", bound=AnyActor)
 
 
 class Policy(eqx.Module, Generic[ActorT]):
