@@ -226,7 +226,7 @@ class AREAPO:
         # Imported here: Gymnasium is slow to load.
         from .host_evaluators import play_once
 
-        return play_once(policy, env, episodes, self.settings.seed, run.backend.evaluator.actions)
+        return play_once(policy, env, episodes, self.settings.seed, run.backend.evaluator.described_actions)
 
     def save(self, path: str | Path) -> None:
         """Write the complete state of all seeds: a loaded learner continues as this one does, bit for bit.

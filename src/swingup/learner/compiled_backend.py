@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
-from jaxtyping import Shaped
 
 from ..areapo import algorithm
 from ..areapo.config import Config
@@ -23,6 +22,7 @@ from ..controllers.stack.policy import Policy
 from ..tasks.task import AbstractTask
 from .backend import AbstractBackend, split_seeds
 from .evaluators import AbstractEvaluator
+from .memory import check_memory
 
 # Compiled once for all runs of a program. A single seed runs without vmap, which is slower on a CPU.
 # The state is not donated: an interrupted run can continue from the state before the chunk.
@@ -47,15 +47,13 @@ class CompiledBackend(AbstractBackend):
         self,
         task: AbstractTask[Any],
         config: Config,
-        seed: int,
-        seeds: int,
+        seeds: Sequence[int],
         evaluator: AbstractEvaluator,
-        to_actions: Callable[[Any], Any] | None = None,
     ) -> None:
-        """Take consecutive seeds of a task, their evaluator, and what makes an adapted environment's actions."""
-        self.evaluator, self._to_actions = evaluator, to_actions
-        self._task, self._config, self._seeds = task, config, range(seed, seed + seeds)
-        self._advance = _train if seeds == 1 else _train_shared(sharing_mesh(seeds))
+        """Take a task, the seeds to train on it, and the evaluator of their policies."""
+        check_memory(config, task.spaces, len(seeds))
+        self._task, self._config, self._seeds, self.evaluator = task, config, seeds, evaluator
+        self._advance = _train if len(seeds) == 1 else _train_shared(sharing_mesh(len(seeds)))
 
     def init(self) -> LearnerState:
         """The state before the first iteration."""
@@ -111,10 +109,6 @@ class CompiledBackend(AbstractBackend):
         if not broken:
             return ""
         return f"{broken} of {RESETS_TRIED} resets gave an observation that is not finite: correct the task's reset"
-
-    def to_actions(self, actions: Shaped[np.ndarray, "b m"]) -> Shaped[np.ndarray, "b ..."]:
-        """The task's actions are the policy's; an environment that the task adapts may have others."""
-        return actions if self._to_actions is None else np.asarray(self._to_actions(actions))
 
     def close(self) -> None:
         """Nothing to free."""

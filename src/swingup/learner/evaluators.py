@@ -4,7 +4,6 @@ import abc
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import jax
@@ -23,6 +22,7 @@ from ..tasks.acrobot_swingup import AcrobotPractice
 from ..tasks.adapted import AbstractAdaptedTask
 from ..tasks.observation import Stage
 from ..tasks.pendulum import AbstractPendulumTask
+from ..tasks.space_actions import SpaceActions
 from ..tasks.task import AbstractTask
 from .rates import rates, step_time
 
@@ -44,8 +44,13 @@ class AbstractEvaluator(abc.ABC):
     """Observation stages before the normalisation."""
     observation_shape: tuple[int, ...]
     """Shape of the input of the first stage, or without stages of the normalisation."""
-    actions: Mapping[str, Any]
-    """The environment's actions as a policy file describes them; empty where they are the policy's own."""
+    actions: SpaceActions | None = None
+    """What makes the environment's actions; None where they are the policy's own."""
+
+    @property
+    def described_actions(self) -> dict[str, Any]:
+        """The environment's actions as a policy file describes them; empty where they are the policy's own."""
+        return {} if self.actions is None else self.actions.describe()
 
     @abc.abstractmethod
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
@@ -53,7 +58,7 @@ class AbstractEvaluator(abc.ABC):
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
         """Write a policy file, with what the environment's actions are."""
-        save_policy(path, policy, {**self.actions, **provenance})
+        save_policy(path, policy, {**self.described_actions, **provenance})
 
 
 class SwingUpEvaluator(AbstractEvaluator):
@@ -61,7 +66,6 @@ class SwingUpEvaluator(AbstractEvaluator):
 
     measure = "v2"
     observation_shape = (4,)
-    actions: Mapping[str, Any] = MappingProxyType({})
 
     def __init__(self, task: AbstractPendulumTask, plant: Plant = LEADERBOARD) -> None:
         """The evaluator of a variant of the pendulum's task, on its plant, with the name that the plant has."""
@@ -92,7 +96,7 @@ class ReturnEvaluator(AbstractEvaluator):
         """The evaluator of a task, with a default number of episodes."""
         adapted = task if isinstance(task, AbstractAdaptedTask) else None
         self.observation_shape = adapted.observation_shape if adapted else (task.observation_size,)
-        self.actions = task.actions.describe() if isinstance(task, AbstractAdaptedTask | AcrobotPractice) else {}
+        self.actions = task.actions if isinstance(task, AbstractAdaptedTask | AcrobotPractice) else None
         self._task, self._seed, self._episodes = task, seed, episodes
         self._step_time = step_time(*(adapted.timed if adapted else (task,)))
 
@@ -106,7 +110,7 @@ class ReturnEvaluator(AbstractEvaluator):
 
 def check_actions(trained: Mapping[str, Any], found: Mapping[str, Any]) -> None:
     """Refuse an environment whose bounds would scale a policy's actions in another way than in training."""
-    if dict(trained) != dict(found):
+    if trained != found:
         mine, its = (", ".join(f"{name} = {value}" for name, value in each.items()) for each in (trained, found))
         raise SwingupError(
             f"the policy was trained with {mine or 'actions of its own'}, the environment has {its or 'others'}: "

@@ -5,7 +5,6 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Shaped
 
 from ..areapo.config import Config
 from ..areapo.initial import begin_episodes, init_learner
@@ -109,14 +108,6 @@ class HostBackend(AbstractBackend):
         """The results of all seeds: of episodes that are played, or of the training since the last report."""
         # In the caller's thread, on which an environment may depend.
         return self._training_results if self._scored_by_training else list(map(self.evaluator.evaluate, policies))
-
-    def find_fault(self) -> str:
-        """Empty: every observation and reward of the host's environments was checked when it came."""
-        return ""
-
-    def to_actions(self, actions: Shaped[np.ndarray, "b m"]) -> Shaped[np.ndarray, "b ..."]:
-        """Actions of the environment's space."""
-        return np.asarray(self._environments[0].actions(actions))
 
     def close(self) -> None:
         """Close the environments, except one that was passed in."""

@@ -1,6 +1,5 @@
 """Collecting a rollout from environments that the host steps: one compiled call for each step of all of them."""
 
-from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +17,7 @@ from ..areapo.state import LearnerState, Rollout
 from ..areapo.statistics import RunningStatistics
 from ..common.fetch import fetch
 from ..common.types import Key
-from .environments import Environments, HostStep
+from .environments import Environments
 
 
 def host_iteration(state: LearnerState, environments: Environments, config: Config) -> tuple[LearnerState, Metrics]:
@@ -35,9 +34,8 @@ def compile_iteration(state: LearnerState, config: Config, all_count: bool) -> N
     for true_next in (None, observations):
         _advance.lower(state.actor, state.statistics, observations, true_next, noise).compile()
     flags, rewards = np.zeros(config.num_envs, np.bool_), np.zeros(config.num_envs, np.float32)
-    step = HostStep(observations, observations, rewards, flags, flags, flags)
     latents = np.zeros(chosen.latents.shape, chosen.latents.dtype)
-    row = (observations, latents, rewards, observations, step)
+    row = (observations, latents, rewards, rewards, observations, flags, flags, flags)
     _update.lower(state, _rollout([row] * config.num_steps, all_count), config).compile()
 
 
@@ -55,7 +53,8 @@ def collect_on_host(
         statistics, *answer = _advance(actor, statistics, step.following, true_next, noise[index])
         following, true_next, following_chosen = fetch(answer)
         true_next = following if true_next is None else true_next
-        rows.append((seen, chosen.latents, chosen.log_probs, true_next, step))
+        ends = (step.terminated, step.truncated, step.counted)
+        rows.append((seen, chosen.latents, chosen.log_probs, step.rewards, true_next, *ends))
         seen, chosen = following, following_chosen
     # The last decision is dropped: the next rollout decides with its own key and the improved actor.
     after = replace(state, statistics=statistics, observations=jnp.asarray(seen))
@@ -63,23 +62,10 @@ def collect_on_host(
 
 
 def _rollout(rows: list[tuple[Any, ...]], all_count: bool) -> Rollout:
-    """Stack the steps: (observations, latents, log_probs, next_observations, step) each."""
-    seen, latents, log_probs, true_next, steps = zip(*rows, strict=True)
-    return Rollout(
-        observations=_stack(seen),
-        latents=_stack(latents),
-        log_probs=_stack(log_probs),
-        rewards=_stack(step.rewards for step in steps),
-        next_observations=_stack(true_next),
-        terminated=_stack(step.terminated for step in steps),
-        truncated=_stack(step.truncated for step in steps),
-        counted=None if all_count else _stack(step.counted.astype(np.float32) for step in steps),
-    )
-
-
-def _stack(arrays: Iterable[np.ndarray]) -> Any:
-    """One NumPy array, which compiled functions accept."""
-    return np.stack(list(arrays))
+    """Stack the steps, whose arrays are in the order of a rollout's fields; compiled functions take NumPy's."""
+    columns: list[Any] = list(map(np.stack, zip(*rows, strict=True)))
+    columns[-1] = None if all_count else columns[-1].astype(np.float32)
+    return Rollout(*columns)
 
 
 @jax.jit

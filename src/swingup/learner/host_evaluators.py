@@ -30,7 +30,7 @@ class EpisodeEvaluator(AbstractEvaluator):
         """Prepare for environments like those of training, which are made when they are first needed."""
         self.observation_shape = environments.observation_space.shape or ()
         self._env, self._name, self._seed, self._episodes = env, name, seed, episodes
-        self.actions = environments.actions.describe()
+        self.actions = environments.actions
         self._made: dict[int, Environments] = {}
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
@@ -44,7 +44,7 @@ class EpisodeEvaluator(AbstractEvaluator):
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
         """Write a policy file that names the environment and the bounds of its actions."""
-        save_policy(path, policy, {"env": self._name, **self.actions, **provenance})
+        save_policy(path, policy, {"env": self._name, **self.described_actions, **provenance})
 
     def compile(self, policy: Policy[Any]) -> None:
         """Compile the policy for the default number of episodes."""
@@ -70,7 +70,7 @@ def play_once(
     if isinstance(task, AbstractTask):
         _check_spaces(policy, task.spaces)
         by_return = ReturnEvaluator(task, seed, episodes or EPISODES)
-        check_actions(trained, by_return.actions)
+        check_actions(trained, by_return.described_actions)
         return by_return.evaluate(policy)
     own = own_number(env)
     if episodes is not None and own not in (None, episodes):

@@ -107,7 +107,7 @@ class Run:
         self._check_finite((self.progress.state.actor, self.progress.state.critic), "weights are")
         self._fresh = True
         metadata = self.progress.metadata(self.settings)
-        return self.progress.state, metadata | {"actions": dict(self.backend.evaluator.actions)}
+        return self.progress.state, metadata | {"actions": self.backend.evaluator.described_actions}
 
     def extend(self, frames: int) -> None:
         """Set the goal to this number of frames more than the run has trained for."""

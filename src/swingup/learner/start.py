@@ -13,14 +13,12 @@ from ..common.errors import SwingupError
 from ..common.files import make_folder
 from ..tasks.acrobot_swingup import IDS as ACROBOT_IDS
 from ..tasks.acrobot_swingup import AcrobotPractice, acrobot_practice
-from ..tasks.adapted import AbstractAdaptedTask
 from ..tasks.adapters import as_task
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.task import AbstractTask
 from .backend import AbstractBackend
 from .compiled_backend import CompiledBackend
 from .evaluators import ReturnEvaluator, SwingUpEvaluator, check_actions
-from .memory import check_memory
 from .presets import ACROBOT_PRESET, is_acrobot
 from .progress import UNRANKED, TrainingProgress, is_finite, read_progress
 from .run import Run, Snapshot
@@ -94,32 +92,28 @@ def _restored(
 ) -> tuple[AbstractBackend, TrainingProgress]:
     backend = make_backend(settings, env)
     state, metadata = load(jax.eval_shape(backend.init))
-    check_actions(metadata.get("actions", {}), backend.evaluator.actions)
+    check_actions(metadata.get("actions", {}), backend.evaluator.described_actions)
     return backend, read_progress(state, metadata, settings, source)
 
 
 def make_backend(settings: RunSettings, env: Any = None) -> AbstractBackend:
     """The back end of these settings, on the task that they name, or on a given environment or task."""
-    config, seed, seeds = settings.config, settings.seed, settings.seeds
+    config, seeds = settings.config, range(settings.seed, settings.seed + settings.seeds)
     env = as_task(settings.env if env is None else env)
     if settings.preset == ACROBOT_PRESET and is_acrobot(env):
         env = acrobot_practice(ACROBOT_IDS[env])
     if settings.robot is not None:
         pendulum = env if isinstance(env, AbstractPendulumTask) else settings.task()
-        check_memory(config, pendulum.spaces, seeds)
-        by_scores = SwingUpEvaluator(pendulum, settings.plant)
-        return CompiledBackend(pendulum, config, seed, seeds, by_scores)
+        return CompiledBackend(pendulum, config, seeds, SwingUpEvaluator(pendulum, settings.plant))
     if isinstance(env, AbstractTask):
-        check_memory(config, env.spaces, seeds)
         episodes = settings.evaluation_episodes
         if not episodes:
             raise SwingupError("evaluation_episodes = 0, but a task in JAX is scored by episodes: use 1 or more")
         judged = env.judged if isinstance(env, AcrobotPractice) else env
-        to_actions = env.actions if isinstance(env, AbstractAdaptedTask | AcrobotPractice) else None
-        return CompiledBackend(env, config, seed, seeds, ReturnEvaluator(judged, seed, episodes), to_actions)
+        return CompiledBackend(env, config, seeds, ReturnEvaluator(judged, settings.seed, episodes))
     if isinstance(env, str) and is_description(env):
         raise SwingupError(f"this run's environment was passed in ({env}): pass it again as env")
     # Imported here: Gymnasium is slow to load, and the pendulum does not need it.
     from .host_backend import HostBackend
 
-    return HostBackend(env, settings.name, config, range(seed, seed + seeds), settings.evaluation_episodes)
+    return HostBackend(env, settings.name, config, seeds, settings.evaluation_episodes)
