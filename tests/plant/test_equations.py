@@ -15,7 +15,6 @@ from swingup.dynamics import dynamics
 from swingup.plant import equations
 from swingup.plant.base_parameters import (
     BASE,
-    Spread,
     base_covariance,
     base_parameters,
     feasible_fraction,
@@ -118,7 +117,7 @@ def test_base_parameters_hold_the_plant_and_have_the_covariance_of_drawn_ones():
         columns.append(base_parameters(changed) - base_parameters(PLANT))
     own = np.diag([0.1, 0.1, 0.2, 0.2, 1e-4])
     jacobian = np.column_stack([*columns, np.vstack([np.zeros((4, 5)), own])])
-    np.testing.assert_allclose(base_covariance(PLANT, Spread()), jacobian @ jacobian.T, rtol=1e-12, atol=1e-18)
+    np.testing.assert_allclose(base_covariance(PLANT), jacobian @ jacobian.T, rtol=1e-12, atol=1e-18)
 
 
 def least_eigenvalue(theta, nominal):

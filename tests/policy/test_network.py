@@ -14,8 +14,7 @@ from swingup.controllers.stack.controller import policy_of, save_controller
 from swingup.controllers.stack.policy import Policy
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.plant import LEADERBOARD, load_plant
-from swingup.policy.network.fold import fold
-from swingup.policy.network.layers import Layer, Network, largest_feature
+from swingup.policy.network.layers import Layer, Network, fold, largest_feature
 from swingup.policy.network.stages import PendulumStage, PlantStage
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.numpy_backend.network import NumpyNetwork

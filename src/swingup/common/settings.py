@@ -3,18 +3,18 @@
 A kind of settings is a frozen dataclass with the class variable ``PART``, its key in a policy file's metadata. Its
 fields are annotated ``Annotated[kind, Range(least, most)]``; a kind is ``float``, ``int``, ``float | None`` or a
 tuple of floats. A field may also be a word, which its class checks, or settings themselves; all others are arrays.
-``__post_init__`` calls :func:`check_ranges`, unless values may be traced by JAX.
+It is a subclass of :class:`Settings`, unless values may be traced by JAX.
 """
 
 from collections.abc import Mapping
 from dataclasses import Field, fields, is_dataclass
-from typing import Any, NamedTuple, TypeVar, get_args
+from typing import Any, ClassVar, NamedTuple, TypeVar, get_args
 
 from .checks import finite_number, one_of, whole_number
 from .errors import SwingupError
 from .text import quoted
 
-SettingsT = TypeVar("SettingsT")
+SettingsT = TypeVar("SettingsT", bound="Settings")
 NoteT = TypeVar("NoteT")
 
 
@@ -30,11 +30,16 @@ def notes(field: "Field[Any]", kind: type[NoteT]) -> tuple[NoteT, ...]:
     return tuple(each for each in getattr(field.type, "__metadata__", ()) if isinstance(each, kind))
 
 
-def check_ranges(settings: Any) -> None:
-    """Refuse values out of their ranges, and turn lists into tuples and numbers into the field's type."""
-    for name, value in in_range(settings).items():
-        # The dataclass is frozen for its users; here it is still being made.
-        object.__setattr__(settings, name, value)
+class Settings:
+    """Settings whose ranges are checked when they are made."""
+
+    PART: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        """Refuse values out of their ranges, and turn lists into tuples and numbers into the field's type."""
+        for name, value in in_range(self).items():
+            # The dataclass is frozen for its users; here it is still being made.
+            object.__setattr__(self, name, value)
 
 
 def in_range(settings: Any) -> dict[str, Any]:
@@ -48,8 +53,7 @@ def in_range(settings: Any) -> dict[str, Any]:
 
 def read_settings(metadata: Mapping[str, Any], kind: type[SettingsT]) -> SettingsT | None:
     """Settings under their key in a policy file's metadata; None if it has none."""
-    part = kind.PART  # type: ignore[attr-defined]  # of every kind of settings
-    return kind(**read_values(metadata[part], part, kind)) if part in metadata else None
+    return kind(**read_values(metadata[kind.PART], kind.PART, kind)) if kind.PART in metadata else None
 
 
 def read_values(given: Any, part: str, kind: Any) -> dict[str, Any]:

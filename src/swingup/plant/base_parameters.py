@@ -8,12 +8,10 @@ A motor that delivers 85 % of its command therefore shows as a θ that is 1/0.85
 same.
 """
 
-from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..common.settings import Range, check_ranges
 from .damped import Friction
 from .equations import Lumped, Number, mass_entries
 from .plant import Plant
@@ -24,24 +22,10 @@ BASE = len(BASE_NAMES)
 FRICTIONS = slice(4, 8)
 """Places of b1 to cf2 in θ."""
 
-
-@dataclass(frozen=True)
-class Spread:
-    """How far plants may lie from the nominal one: standard deviations of its independent parameters."""
-
-    PART: ClassVar[str] = "identifier spread"
-    inertial: Annotated[float, Range(1e-9, 1e3)] = 0.25
-    """Spread of I1, I2, m2, r1 and r2, as a share of each."""
-    damping: Annotated[float, Range(1e-9, 1e3)] = 0.1
-    """Spread of b1 and b2 (N m s/rad)."""
-    coulomb: Annotated[float, Range(1e-9, 1e3)] = 0.2
-    """Spread of cf1 and cf2 (N m)."""
-    rotor: Annotated[float, Range(1e-9, 1e3)] = 1e-4
-    """Spread of Ir (kg m²)."""
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot work: deviations are reported relative to these."""
-        check_ranges(self)
+INERTIAL_SPREAD = 0.25
+"""Spread of I1, I2, m2, r1 and r2 as a share of each: how far plants lie from the nominal one."""
+OTHER_SPREADS = (0.1, 0.1, 0.2, 0.2, 1e-4)
+"""Spread of b1 and b2 (N m s/rad), cf1 and cf2 (N m), and Ir (kg m²)."""
 
 
 class Geometry(NamedTuple):
@@ -66,20 +50,19 @@ def base_parameters(p: Plant, xp: Any = np) -> Any:
     return xp.array([*inertial, p.b1, p.b2, p.cf1, p.cf2, p.Ir], float if xp is np else None)
 
 
-def base_covariance(p: Plant, spread: Spread) -> np.ndarray:
+def base_covariance(p: Plant) -> np.ndarray:
     """Covariance (9, 9) of θ over plants about a nominal one, J diag(σ²) Jᵀ with the derivatives J of θ.
 
     A heavier second link raises A, m2 r2 and k together: the correlations say so.
     """
-    l1, share = p.l1, spread.inertial
+    l1, share = p.l1, INERTIAL_SPREAD
     # Columns: I1, I2, m2, r1 and r2 as shares of themselves, then b1 to Ir.
     jacobian = np.zeros((BASE, 10))
     jacobian[0, :3] = p.I1 * share, p.I2 * share, p.m2 * l1**2 * share
     jacobian[1, 1] = p.I2 * share
     jacobian[2, 2] = jacobian[2, 4] = p.m2 * p.r2 * share
     jacobian[3, 2:4] = p.m2 * l1 * share, p.m1 * p.r1 * share
-    own = spread.damping, spread.damping, spread.coulomb, spread.coulomb, spread.rotor
-    jacobian[range(4, BASE), range(5, 10)] = own
+    jacobian[range(4, BASE), range(5, 10)] = OTHER_SPREADS
     return jacobian @ jacobian.T
 
 

@@ -20,12 +20,10 @@ from .network.stages import STAGES, Stage, arrays_of, make_stage
 
 FORMAT = "swingup policy"
 FORMAT_VERSION = 1
-ACTIVATION = "activation"
-"""Key of what follows hidden layers; left out for ReLU."""
-BOUNDS = "bounds"
-"""Key of what bounds actions; left out for tanh."""
-CHOICES = "choices"
-"""Key of the numbers of choices; left out where actions are numbers."""
+CHOICES, ACTIVATION, BOUNDS = "choices", "activation", "bounds"
+"""Keys of discrete actions' numbers of alternatives, of what follows hidden layers, and of actions' bounds."""
+DEFAULTS = {CHOICES: None, ACTIVATION: RELU, BOUNDS: TANH}
+"""Values of these keys that are left out."""
 
 MOST_STAGES = 10
 KNOWN_ARRAYS = re.compile(
@@ -57,24 +55,19 @@ def write_network(path: str | Path, network: Network, metadata: Mapping[str, Any
     layers |= {} if network.std is None else {"std": network.std}
     for name, layer in layers.items():
         arrays |= {f"network.{name}.weight": layer.weight, f"network.{name}.bias": layer.bias}
-    own: dict[str, Any] = {"observation": stages}
-    own |= {} if network.choices is None else {CHOICES: list(network.choices)}
-    own |= {} if network.activation == RELU else {ACTIVATION: network.activation}
-    own |= {} if network.bounds == TANH else {BOUNDS: network.bounds}
+    own = {"observation": stages, CHOICES: network.choices, ACTIVATION: network.activation, BOUNDS: network.bounds}
+    written = {key: value for key, value in own.items() if value != DEFAULTS.get(key, ...)}
     # The metadata may be another file's, whose entries of its own network do not fit this one.
-    theirs = ("observation", CHOICES, ACTIVATION, BOUNDS)
-    given = {key: value for key, value in metadata.items() if key not in theirs}
-    save_arrays(path, FORMAT, FORMAT_VERSION, own | given, arrays)
+    given = {key: value for key, value in metadata.items() if key not in own}
+    save_arrays(path, FORMAT, FORMAT_VERSION, written | given, arrays)
 
 
 def _checked(name: str, array: np.ndarray) -> np.ndarray:
     """The array in the precision that back ends compute with: finite there, too."""
-    if array.dtype.kind != "f":
-        raise SwingupError(f"array {name} holds values that are not finite floating-point numbers")
     with np.errstate(over="ignore", under="ignore"):
-        # What single precision cannot hold becomes infinite, and is refused below.
+        # What single precision cannot hold becomes infinite, and is refused.
         single = array.astype(np.float32)
-    if not np.isfinite(single).all():
+    if array.dtype.kind != "f" or not np.isfinite(single).all():
         raise SwingupError(f"array {name} holds values that are not finite floating-point numbers")
     return single if name.startswith("network.") else array.astype(np.float64)
 

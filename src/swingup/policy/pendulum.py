@@ -7,7 +7,7 @@ from typing import Any
 
 from ..common.checks import finite_number
 from ..common.errors import SwingupError, naming
-from ..common.settings import read_settings
+from ..common.settings import Settings, read_settings
 from ..common.text import quoted
 from ..plant.base_parameters import base_parameters
 from ..plant.plant import Plant
@@ -17,13 +17,13 @@ from .estimator.settings import EstimatorSettings
 from .file import read_network, write_network
 from .guard.settings import GuardSettings
 from .identifier.settings import IdentifierSettings, prior
-from .network.fold import fold
-from .network.layers import Network
+from .network.layers import Network, fold
 from .network.stages import PendulumStage, stages_for
 from .plant_facts import PLANT, beyond, policy_plant, read_plant, write_plant
 from .regulator.settings import RegulatorSettings, fixed_point
 
-PARTS = tuple(kind.PART for kind in (EstimatorSettings, GuardSettings, IdentifierSettings, RegulatorSettings))
+_KINDS: tuple[type[Settings], ...] = (EstimatorSettings, GuardSettings, IdentifierSettings, RegulatorSettings)
+PARTS = tuple(kind.PART for kind in _KINDS)
 """What may stand around a network: keys of the metadata, and fields of a policy."""
 
 
@@ -126,17 +126,8 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
         # Every back end cuts at the motor's limit: the policy would never run as it was trained.
         if limit > motor:
             raise SwingupError(f"torque_limit = {limit:g} N m is above its plant's motor's, {motor:g}: lower it")
-        return PendulumPolicy(
-            network,
-            ROBOTS[name],
-            limit,
-            plant,
-            estimator=read_settings(metadata, EstimatorSettings),
-            guard=read_settings(metadata, GuardSettings),
-            identifier=read_settings(metadata, IdentifierSettings),
-            regulator=read_settings(metadata, RegulatorSettings),
-            metadata=metadata,
-        )
+        parts: dict[str, Any] = {kind.PART: read_settings(metadata, kind) for kind in _KINDS}
+        return PendulumPolicy(network, ROBOTS[name], limit, plant, **parts, metadata=metadata)
 
 
 def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: Mapping[str, Any]) -> None:
@@ -146,10 +137,9 @@ def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: 
     provenance (JSON values). A part that the policy lacks is taken from there, unless the policy's own metadata has
     that part: then it was removed, and is not written.
     """
-    parts = {name: getattr(policy, name) for name in PARTS}
     own: dict[str, Any] = {"robot": policy.robot.name, "torque_limit": float(policy.torque_limit)}
     own |= {PLANT: write_plant(policy.plant)}
-    own |= {name: asdict(part) for name, part in parts.items() if part is not None}
+    own |= {name: asdict(getattr(policy, name)) for name in policy.parts}
     # Provenance is another file's metadata, whose parts would come back otherwise.
     removed = {name for name in PARTS if name in policy.metadata}
     kept = {name: value for name, value in provenance.items() if name not in removed | own.keys()}

@@ -36,6 +36,7 @@ seen, the undriven joint's within its limit; both torques are NaN if the state s
 """
 
 import math
+from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -45,7 +46,7 @@ from ...plant.damped import Friction, damped_midpoint_step
 from ...plant.equations import Lumped, Number, Pair, friction, lump
 from ...plant.maths import Maths
 from ...plant.plant import Plant
-from ...plant.units import C1, arm_scales, scaled, similar_plant
+from ...plant.units import C1, TIME, arm_scales, scaled, similar_plant
 from ..identifier import core as identifier
 from ..identifier.compensation import Load
 from ..identifier.core import Found
@@ -53,7 +54,7 @@ from ..identifier.settings import LONGEST_STEP, IdentifierSettings
 from ..identifier.state import Array, IdentifierState
 from ..identifier.state import Loop as IdentifierLoop
 from ..identifier.state import make_loop as identifier_loop
-from .settings import EstimatorSettings, kalman_gains, own_estimator
+from .settings import EstimatorSettings, kalman_gains
 
 RESET_SIGMAS = 100
 """An estimate restarts where its rate is this many standard deviations off the measured one: that has jumped."""
@@ -97,11 +98,12 @@ def make_loop(
 
     The plant is the nominal one. With settings of an identifier, ``finding``, the model is what that finds.
     """
-    scales = arm_scales(plant)
-    s, plant, identifies = own_estimator(settings, scales), similar_plant(plant, scales), None
+    scales, identifies = arm_scales(plant), None
+    own, plant = C1.over(scales), similar_plant(plant, scales)
+    times = {name: scales.similar(getattr(settings, name), TIME) for name in ("dt", "longest_gap")}
+    s = replace(scaled(settings, own), **times)
     if finding is not None:
-        own = scaled(finding, C1.over(scales))
-        identifies = identifier_loop(plant, joint, s.dt, s.max_delay_steps, own)
+        identifies = identifier_loop(plant, joint, s.dt, s.max_delay_steps, scaled(finding, own))
     delays, model = np.arange(s.max_delay_steps + 1.0), (lump(plant), plant.friction, None)
     gains = tuple(kalman_gains(s).ravel().tolist())
     return Loop(s, joint, model, delays, gains, identifies, scales.time)
@@ -204,10 +206,8 @@ def compensation(maths: Maths, loop: Loop, found: Found, seen: Array) -> Array:
 def remember(maths: Maths, loop: Loop, state: EstimatorState, u: Array) -> EstimatorState:
     """Note the torques (2,) that both motors were asked for, within their limits (N m)."""
     torques = maths.xp.concatenate([u[loop.joint][None], state.torques[:-1]])
-    before = state.identified
-    return state._replace(
-        torques=torques, identified=None if before is None else identifier.remember(maths, before, u)
-    )
+    identified = None if state.identified is None else identifier.remember(maths, state.identified, u)
+    return state._replace(torques=torques, identified=identified)
 
 
 def _identify(

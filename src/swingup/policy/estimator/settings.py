@@ -1,21 +1,21 @@
 """Settings of the estimator, and the gains of its filters."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
 
 from ...common.riccati import solve_riccati
-from ...common.settings import Range, check_ranges
+from ...common.settings import Range, Settings
 from ...plant.plant import Plant
-from ...plant.units import ACCELERATION, C1, TIME, VELOCITY, Scales, arm_scales, scaled
+from ...plant.units import ACCELERATION, VELOCITY, arm_scales, scaled
 
 POSITION_NOISE = 1e-4
 """Standard deviation of the measured angles (rad): that of an encoder of 2^14 counts is 1.1e-4."""
 
 
 @dataclass(frozen=True)
-class EstimatorSettings:
+class EstimatorSettings(Settings):
     """What the estimator expects of the measurement and of the loop; every value is chosen, not identified.
 
     The defaults suit design C.1; :func:`default_estimator` scales them to another plant.
@@ -33,20 +33,10 @@ class EstimatorSettings:
     longest_gap: Annotated[float, Range(0.0, 1e3)] = 0.05
     """Longest time for which the model stands in for a measurement that shows nothing new (s)."""
 
-    def __post_init__(self) -> None:
-        """Refuse what cannot work."""
-        check_ranges(self)
-
 
 def default_estimator(plant: Plant) -> EstimatorSettings:
     """The defaults in a plant's own units: noise of velocities and accelerations; encoder and loop stay."""
     return scaled(EstimatorSettings(), arm_scales(plant))
-
-
-def own_estimator(settings: EstimatorSettings, scales: Scales) -> EstimatorSettings:
-    """Settings of a pendulum of these units in C.1's, in which estimators compute; so are the loop's times."""
-    times = {name: scales.similar(getattr(settings, name), TIME) for name in ("dt", "longest_gap")}
-    return replace(scaled(settings, C1.over(scales)), **times)
 
 
 def kalman_gains(settings: EstimatorSettings) -> np.ndarray:

@@ -11,7 +11,7 @@ from enum import IntEnum
 from typing import Annotated, Any, ClassVar, NamedTuple, TypeAlias
 
 from ...common.errors import SwingupError
-from ...common.settings import Range, check_ranges, read_settings
+from ...common.settings import Range, Settings, read_settings
 
 GUARD = "guard"
 """Key of the guard's settings in a policy file's metadata."""
@@ -35,11 +35,6 @@ class Reason(IntEnum):
     LATE = 5
     CLOCK = 6
     TORQUE = 7
-
-    @property
-    def sentence(self) -> str:
-        """The reason in words."""
-        return SENTENCES[self]
 
 
 SENTENCES = (
@@ -75,11 +70,11 @@ class Fault(NamedTuple):
         """One sentence with the numbers."""
         joint = f"{('shoulder', 'elbow')[self.joint]}, " if self.joint >= 0 else ""
         unit = _UNITS.get(self.reason, "")
-        return f"{self.reason.sentence} ({joint}{self.value:.6g}{unit}, at t = {self.time:.6g} s)"
+        return f"{SENTENCES[self.reason]} ({joint}{self.value:.6g}{unit}, at t = {self.time:.6g} s)"
 
 
 @dataclass(frozen=True)
-class GuardSettings:
+class GuardSettings(Settings):
     """What a robot may do under a controller; its limits are those of RealAIGym's loop on the robot."""
 
     PART: ClassVar[str] = GUARD
@@ -100,8 +95,7 @@ class GuardSettings:
     """Damping kd of a stopped joint (N m s/rad): its torque is -kd q̇ within its limit. At 0 all torques are 0."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot work."""
-        check_ranges(self)
+        super().__post_init__()
         # Every call would be late.
         if self.longest_gap < self.dt:
             raise SwingupError(

@@ -224,41 +224,24 @@ def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
     stages, weight = [columns(maths, loop, state, steps, step)], -maths.expm1(-chosen.BANDWIDTH * step)
     for stage in state.filtered:
         stages.append(stage + weight * (stages[-1] - stage))
-    rows, unknowns, covariance = stages[-1], state.unknowns, state.covariance
-    variances, holds = [], []
+    state = state._replace(filtered=tuple(stages[1:]))
     for joint in (0, 1):
-        noise = state.variance[joint], state.held[joint]
-        unknowns, covariance, (variance, held) = _update(
-            maths, loop, joint, rows[joint], unknowns, covariance, noise, step
-        )
-        variances.append(variance)
-        holds.append(held)
+        state = _update(maths, loop, joint, stages[-1][joint], state, step)
+    covariance = state.covariance
     prior_variance = maths.xp.asarray(loop.covariance, covariance.dtype).diagonal()
     # Friction changes and offsets shift: without a drift old motion would outweigh all that comes. No less sure
     # than at the start: the drift must not exceed the prior.
     drift = chosen.DRIFT**2 * step * prior_variance * (covariance.diagonal() < prior_variance)
-    return state._replace(
-        filtered=tuple(stages[1:]),
-        unknowns=unknowns,
-        covariance=covariance
-        + maths.xp.asarray(EYE[: len(covariance), : len(covariance)], covariance.dtype) * drift,
-        variance=tuple(variances),
-        held=tuple(holds),
-    )
+    diagonal = maths.xp.asarray(EYE[: len(covariance), : len(covariance)], covariance.dtype) * drift
+    return state._replace(covariance=covariance + diagonal)
 
 
 def _update(
-    maths: Maths,
-    loop: Loop,
-    joint: int,
-    columns: Array,
-    unknowns: Array,
-    covariance: Array,
-    noise: Pair,
-    step: Number,
-) -> tuple[Array, Array, Pair]:
+    maths: Maths, loop: Loop, joint: int, columns: Array, state: IdentifierState, step: Number
+) -> IdentifierState:
     """What a joint's row tells of the unknowns, and its noise: the errors' variance, and how long it is held."""
-    driven, (variance, held) = joint == loop.joint, noise
+    driven, unknowns, covariance = joint == loop.joint, state.unknowns, state.covariance
+    variance, held = state.variance[joint], state.held[joint]
     row, target, number = columns[:-1], maths.number(columns[-1]), maths.number
     # The method: for so few numbers the operator @ takes twice as long in NumPy.
     uncertain = covariance.dot(row)
@@ -276,5 +259,14 @@ def _update(
     # A spoilt angle must not blind the identifier for seconds.
     seen = maths.minimum(distance * r, (chosen.MOST_DEVIATION * _deviation(loop, joint)) ** 2)
     follow = -maths.expm1(-step / maths.where(seen > variance, chosen.RISE_TIME, chosen.FALL_TIME))
-    noise = variance + follow * (seen - variance), maths.maximum(held, 0.0)
-    return unknowns + gain * error, covariance - gain[:, None] * uncertain, noise
+    return state._replace(
+        unknowns=unknowns + gain * error,
+        covariance=covariance - gain[:, None] * uncertain,
+        variance=_with(state.variance, joint, variance + follow * (seen - variance)),
+        held=_with(state.held, joint, maths.maximum(held, 0.0)),
+    )
+
+
+def _with(pair: Pair, joint: int, number: Number) -> Pair:
+    """A pair with another number of one joint."""
+    return (number, pair[1]) if joint == 0 else (pair[0], number)

@@ -7,8 +7,8 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from ...common.errors import SwingupError
-from ...common.settings import Range, check_ranges
-from ...plant.base_parameters import BASE, Spread, base_covariance, base_parameters
+from ...common.settings import Range, Settings
+from ...plant.base_parameters import BASE, base_covariance, base_parameters
 from ...plant.plant import Plant
 from ...plant.units import TORQUE
 
@@ -52,8 +52,6 @@ OFFSET_DEVIATION = 0.03
 """Standard deviation of the angles' offsets (rad)."""
 GAIN_DEVIATION = 0.5
 """Standard deviation of the part of its command that the undriven joint's motor delivers; its mean is 1."""
-SPREAD = Spread()
-"""How far plants lie from the nominal one: the ranges of the robustness benchmark."""
 DRIFT = 0.01
 """Drift of the unknowns, in prior standard deviations after 1 s."""
 LEAST_MASS_SHARE = 0.2
@@ -75,7 +73,7 @@ SHORTEST_STEP = 0.6
 
 
 @dataclass(frozen=True)
-class IdentifierSettings:
+class IdentifierSettings(Settings):
     """What a robot's owner may choose of the identifier; period and delays are the estimator's."""
 
     PART: ClassVar[str] = "identifier"
@@ -90,10 +88,6 @@ class IdentifierSettings:
     def loads(self) -> bool:
         """Whether loads of the joints are found at all; without them each call is cheaper."""
         return self.load_deviation > 0 or self.spring_deviation > 0
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot work."""
-        check_ranges(self)
 
 
 def span(period: float) -> int:
@@ -114,7 +108,7 @@ def prior(plant: Plant, settings: IdentifierSettings | None = None) -> tuple[np.
     mean, covariance = np.zeros(size), np.zeros((size, size))
     mean[:BASE] = base = base_parameters(plant)
     mean[GAIN] = 1.0
-    covariance[:BASE, :BASE] = base_covariance(plant, SPREAD)
+    covariance[:BASE, :BASE] = base_covariance(plant)
     second, first = base[2:4]
     if first == 0 or second == 0:
         raise SwingupError(

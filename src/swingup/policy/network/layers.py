@@ -1,11 +1,12 @@
 """A policy's stages and layers as arrays, checked: what all back ends compute with."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from ...common.errors import SwingupError
+from ...plant.base_parameters import BASE
 from .stages import NormaliseStage, PendulumStage, PlantStage, Stage, checked
 
 FLOAT32_SUM_WIDTH = 64
@@ -27,7 +28,7 @@ TANH: Bounds = "tanh"
 class Layer:
     """y = weight x + bias, in float32; weight has the shape (outputs, inputs).
 
-    The bias that ``fold.py`` makes is float64, as the sums that it replaces.
+    The bias that :func:`fold` makes is float64, as the sums that it replaces.
     """
 
     weight: np.ndarray
@@ -87,6 +88,33 @@ class Network:
     def layers(self) -> tuple[Layer, ...]:
         """The layers of the deterministic policy."""
         return (*self.trunk, self.head)
+
+
+def fold(network: Network, base: np.ndarray) -> Network:
+    """The network of the state alone that gives the same actions for one plant, with base parameters θ (9,).
+
+    The plant's inputs are constants then: the first layer's bias takes up what they add. Without an identifier, all
+    back ends but JAX's run this network, and know nothing of the stage ``plant``. Other networks stay as they are.
+
+    Raises:
+        SwingupError: a base parameter is NaN.
+    """
+    stage = network.plant_stage
+    if stage is None:
+        return network
+    inputs, stages = stage.inputs(base), network.stages[:-1]
+    if network.trunk:
+        first, *others = network.trunk
+        return replace(network, stages=stages, trunk=(_absorb(first, inputs), *others))
+    std = None if network.std is None else _absorb(network.std, inputs)
+    return replace(network, stages=stages, head=_absorb(network.head, inputs), std=std)
+
+
+def _absorb(layer: Layer, inputs: np.ndarray) -> Layer:
+    """The layer without its last inputs, which are constant."""
+    # In double precision, in which a policy that is told its plant adds the same.
+    added = layer.weight[:, -BASE:].astype(np.float64) @ inputs
+    return Layer(layer.weight[:, :-BASE], layer.bias + added)
 
 
 def largest_feature(network: Network) -> float:

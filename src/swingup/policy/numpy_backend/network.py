@@ -34,7 +34,7 @@ class NumpyNetwork:
         ]
         self._activate, self._bound = ACTIVATIONS[network.activation], BOUNDS[network.bounds]
         self._head, self._offset = network.head.weight[0].astype(np.float64), network.head.bias.astype(np.float64)
-        # The biases of the first layer, which take up what the plant adds (``network/fold.py``).
+        # The biases of the first layer, which take up what the plant adds (``network/layers.py: fold``).
         self._plant_bias = self._layers[0][1] if self._layers else self._offset
         self._plant_stage, first = policy.network.plant_stage, policy.network.layers[0]
         self._weight, self._bias = first.weight[:, -BASE:].astype(np.float64), first.bias.astype(np.float64)

@@ -14,7 +14,7 @@ now, and f as a fifth error, with its row and column in A and P: e ← A e + d f
 bound and moves no torque: that entry of P stays 0.
 
 The regulator takes over where eᵀ P e is below a first bound, and acts while it is at most a second one
-(``settings.bounds``); a state that is not finite changes nothing. Its torque is u = -K e within the
+(``held``); a state that is not finite changes nothing. Its torque is u = -K e within the
 limit, K = bᵀ P A / (R + bᵀ P b), and NaN if the state is not finite.
 """
 
@@ -29,7 +29,7 @@ from ...plant.equations import Number
 from ...plant.maths import Maths
 from ...plant.plant import Plant
 from ...plant.units import C1, TORQUE, arm_scales, scaled, similar_plant
-from .settings import COULOMB_DAMPING, DRY_KNEE, DRY_SHARE, RICCATI_STEP, RegulatorSettings, bounds, fixed_point
+from .settings import COULOMB_DAMPING, DRY_KNEE, DRY_SHARE, RICCATI_STEP, RegulatorSettings, fixed_point
 from .upright import Discrete, upright_step
 
 
@@ -101,8 +101,11 @@ def begin(maths: Maths, loop: Loop) -> RegulatorState:
 def held(loop: Loop, theta: Any) -> Held:
     """What to hold for base parameters θ (9,)."""
     step: Discrete = upright_step(theta, loop.geometry, loop.joint, COULOMB_DAMPING, RICCATI_STEP)
-    dry = DRY_SHARE * friction_of(theta).coulomb[1 - loop.joint]
-    return Held(step, dry, *bounds(loop.settings, theta, loop.joint))
+    s, coulomb = loop.settings, friction_of(theta).coulomb[1 - loop.joint]
+    # Dry friction of the undriven joint makes a linear regulator hunt about the top in growing cycles.
+    enter = s.enter / (1.0 + abs(coulomb) / s.enter_coulomb)
+    leave = enter + (s.leave - s.enter) / (1.0 + abs(coulomb) / s.leave_coulomb)
+    return Held(step, DRY_SHARE * coulomb, enter, leave)
 
 
 def regulate(maths: Maths, loop: Loop, state: RegulatorState, plant: Held, x: Any) -> tuple[RegulatorState, Number]:

@@ -1,14 +1,14 @@
 """Where the regulator near the top acts, its costs, and their fixed point; all is chosen, not identified."""
 
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from ...common.errors import SwingupError
 from ...common.riccati import solve_riccati
-from ...common.settings import Range, check_ranges
-from ...plant.base_parameters import base_parameters, friction_of, geometry_of
+from ...common.settings import Range, Settings
+from ...plant.base_parameters import base_parameters, geometry_of
 from ...plant.plant import Plant
 from ...plant.units import TORQUE
 from .upright import upright_step
@@ -32,7 +32,7 @@ Q, R = tuple(RICCATI_STEP * weight for weight in STATE_WEIGHTS), RICCATI_STEP * 
 
 
 @dataclass(frozen=True)
-class RegulatorSettings:
+class RegulatorSettings(Settings):
     """Where the regulator acts."""
 
     PART: ClassVar[str] = "regulator"
@@ -46,23 +46,12 @@ class RegulatorSettings:
     """Coulomb friction (N m) that halves the distance between ``enter`` and ``leave``."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot work."""
-        check_ranges(self)
+        super().__post_init__()
         # Else it would give up as soon as it has taken over.
         if self.leave < self.enter:
             raise SwingupError(
                 f"regulator setting leave = {self.leave:g} is below enter = {self.enter:g}: use one from there on"
             )
-
-
-def bounds(settings: RegulatorSettings, theta: Any, driven: int) -> tuple[Any, Any]:
-    """Costs-to-go at which a regulator takes over and gives up. Arithmetic for any kind of number.
-
-    Dry friction of the undriven joint makes a linear regulator hunt about the top in growing cycles.
-    """
-    s, dry = settings, abs(friction_of(theta).coulomb[1 - driven])
-    enter = s.enter / (1.0 + dry / s.enter_coulomb)
-    return enter, enter + (s.leave - s.enter) / (1.0 + dry / s.leave_coulomb)
 
 
 def fixed_point(plant: Plant, driven: int) -> np.ndarray:
