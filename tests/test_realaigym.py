@@ -26,9 +26,9 @@ DT = 0.002
 
 def test_calls_as_in_realaigyms_simulator(either_robot):
     """By keywords, in order, and by the inner forms: nothing of a run before is left. The judge's run is closed."""
-    controller = wrapped("ar-eapo", either_robot.name)
+    controller = wrapped("adaptive", either_robot.name)
     run = swingup.judge(controller, either_robot.name, dataclasses.replace(PERFORMANCE, duration=0.6)).trajectory
-    assert np.ptp(run.u[:, either_robot.joint]) > 3.0
+    assert np.ptp(run.u[:, either_robot.joint]) > 2.0
     ways = (
         ("", lambda x, t: controller.get_control_output(x=x, t=t)),
         ("", lambda x, t: controller.get_control_output(x.tolist(), t)),

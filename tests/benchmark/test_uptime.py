@@ -99,9 +99,10 @@ def test_the_real_boards_resets_come_at_their_times():
 
 
 def test_throws_come_at_their_times_and_last_a_hundred_steps_or_one_more():
-    lengths = set()
+    lengths, targets = set(), set()
     for seed in range(20):
         throws = draw_throws(UPTIME, LEADERBOARD, seed)
+        targets.add(throws.target[0, 0])
         assert throws.number.shape == (30_000,)
         for index in range(15):
             steps = np.flatnonzero(throws.number == index)
@@ -111,7 +112,7 @@ def test_throws_come_at_their_times_and_last_a_hundred_steps_or_one_more():
             assert abs(steps[0] * 0.002 - 3.75 * (index + 1)) <= 1.002
         assert np.all(np.abs(throws.target) <= np.pi)
         assert throws.target.shape == (15, 2)
-    assert lengths == {100, 101}
+    assert (lengths, len(targets)) == ({100, 101}, 20)
 
 
 def test_result_as_json():
