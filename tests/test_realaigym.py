@@ -26,9 +26,9 @@ DT = 0.002
 
 def test_calls_as_in_realaigyms_simulator(either_robot):
     """By keywords, in order, and by the inner forms: nothing of a run before is left. The judge's run is closed."""
-    controller = wrapped("adaptive", either_robot.name)
+    controller = wrapped("ar-eapo", either_robot.name)
     run = swingup.judge(controller, either_robot.name, dataclasses.replace(PERFORMANCE, duration=0.6)).trajectory
-    assert np.ptp(run.u[:, either_robot.joint]) > 2.0
+    assert np.ptp(run.u[:, either_robot.joint]) > 3.0
     ways = (
         ("", lambda x, t: controller.get_control_output(x=x, t=t)),
         ("", lambda x, t: controller.get_control_output(x.tolist(), t)),
@@ -124,15 +124,15 @@ def test_a_filter_of_realaigyms_or_a_function(kind):
 
 
 @pytest.mark.parametrize("name", ["adaptive", pytest.param("tvlqr", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("zero", [-1e6, 1e6, 86_400.0 * 365, 1.7e9, 2.0**31])
+@pytest.mark.parametrize("zero", [0.0, -1e6, 1e6, 86_400.0 * 365, 1.7e9, 2.0**31])
 def test_a_clock_may_count_from_any_moment(name, zero):
-    """A start of the clock that is a whole number of periods changes no torque beyond its rounding."""
+    """A start of the clock that is whole periods changes no torque beyond its rounding; no memory is left."""
     controller, torques = wrapped(name, "pendubot"), []
     for start in (0.0, zero):
         controller.init()
         calls = [controller.get_control_output([0.2 * k * DT, 0.1, 0.2, 0.0], start + k * DT) for k in range(20)]
         torques.append(calls)
-    np.testing.assert_allclose(torques[1], torques[0], atol=1e-3)
+    np.testing.assert_allclose(torques[1], torques[0], atol=1e-3 if zero else 1e-12)
 
 
 @pytest.mark.parametrize("x", [[0.0] * 3, np.zeros((4, 1)), 0.0, None, "1234", [[0.0], [1.0, 2.0]]])
