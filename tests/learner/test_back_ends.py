@@ -15,10 +15,9 @@ from areapo.test_probes import SMALL, softmax_policy, values
 from swingup.areapo.config import Config
 from swingup.areapo.initial import begin_episodes, init_learner
 from swingup.learner import compiled_backend
-from swingup.learner import host_collection as host
+from swingup.learner import host_backend as host
 from swingup.learner.environments import make_environments
-from swingup.learner.host_backend import HostBackend
-from swingup.learner.host_collection import collect_on_host
+from swingup.learner.host_backend import HostBackend, collect_on_host
 
 from .environments import Stairs, chains
 

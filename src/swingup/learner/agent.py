@@ -84,10 +84,16 @@ class AREAPO:
             SwingupError: an argument cannot work, or the environment's spaces are not supported.
         """
         env = as_task(env)
+        if not isinstance(env, str | AbstractTask):
+            # Imported here: Gymnasium is slow to load.
+            from .environments import own_number
+
+            if (own := own_number(env)) is not None:
+                overrides = {"num_envs": own} | overrides
         settings = make_run_settings(
             env,
             preset,
-            _own_number(env) | overrides,
+            overrides,
             seed=seed,
             seeds=seeds,
             evaluate_every=evaluate_every,
@@ -253,14 +259,3 @@ class AREAPO:
     def close(self) -> None:
         """Close the environments that were made here."""
         self._run.close()
-
-
-def _own_number(env: Any) -> dict[str, int]:
-    """``num_envs`` of environments that were passed in, which the learner takes as they are."""
-    if isinstance(env, str | AbstractTask):
-        return {}
-    # Imported here: Gymnasium is slow to load.
-    from .environments import own_number
-
-    number = own_number(env)
-    return {} if number is None else {"num_envs": number}

@@ -1,22 +1,29 @@
-"""The back end of Gymnasium: the host steps the environments, and the learner is compiled."""
+"""The back end of Gymnasium: the host steps the environments, with one compiled call a step of all of them."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
+from ..areapo import algorithm
 from ..areapo.config import Config
 from ..areapo.initial import begin_episodes, init_learner
-from ..areapo.keys import Purpose, root_key
+from ..areapo.keys import COLLECT, Purpose, root_key
 from ..areapo.metrics import Metrics
-from ..areapo.state import LearnerState
+from ..areapo.networks import ActionSample, AnyActor, sample_actions
+from ..areapo.state import LearnerState, Rollout
+from ..areapo.statistics import RunningStatistics
 from ..common.errors import SwingupError
+from ..common.fetch import fetch
+from ..common.types import Key
 from ..controllers.stack.policy import Policy
 from ..tasks.task import Spaces
 from .backend import AbstractBackend, join_seeds, split_seeds
 from .environments import Environments, make_environments, own_number
-from .host_collection import compile_iteration, host_iteration
 from .host_evaluators import EpisodeEvaluator
 from .memory import check_memory
 from .rates import RESETS, REWARD_RATE, rates
@@ -57,9 +64,18 @@ class HostBackend(AbstractBackend):
 
     def compile(self, state: LearnerState) -> None:
         """Compile an iteration, the start of new episodes, and the policy for an evaluation."""
-        member = split_seeds(state, len(self._seeds))[0]
-        compile_iteration(member, self._config, self._environments[0].all_count)
-        _begin.lower(member, np.zeros(member.observations.shape, np.float32)).compile()
+        member, config = split_seeds(state, len(self._seeds))[0], self._config
+        observations = np.zeros(member.observations.shape, np.float32)
+        _begin.lower(member, observations).compile()
+        noise = np.zeros(_noise.lower(member.actor, member.key, config).compile().out_info.shape[1:], np.float32)
+        latents = _sample.lower(member.actor, observations, noise).compile().out_info.latents
+        for true_next in (None, observations):
+            _advance.lower(member.actor, member.statistics, observations, true_next, noise).compile()
+        flags, rewards = np.zeros(config.num_envs, np.bool_), np.zeros(config.num_envs, np.float32)
+        chosen = (np.zeros(latents.shape, latents.dtype), rewards)
+        row = (observations, *chosen, rewards, observations, flags, flags, flags)
+        rollout = _rollout([row] * config.num_steps, self._environments[0].all_count)
+        _update.lower(member, rollout, config).compile()
         if not self._scored_by_training:
             self.evaluator.compile(self.policy(member))
 
@@ -87,7 +103,8 @@ class HostBackend(AbstractBackend):
             if iteration and stopping():
                 break
             for index, environments in enumerate(self._environments):
-                members[index], found = host_iteration(members[index], environments, self._config)
+                member, rollout = collect_on_host(members[index], environments, self._config)
+                members[index], found = _update(member, rollout, self._config)
                 metrics[index].append(jax.device_get(found))
         self._training_results, rows = [], []
         for own, environments, before in zip(metrics, self._environments, resets, strict=True):
@@ -116,5 +133,61 @@ class HostBackend(AbstractBackend):
             each.close()
 
 
+def collect_on_host(
+    state: LearnerState, environments: Environments, config: Config
+) -> tuple[LearnerState, Rollout]:
+    """Act for ``num_steps`` in every environment, as :func:`swingup.areapo.algorithm.collect` does."""
+    actor, statistics, seen = state.actor, state.statistics, np.asarray(state.observations)
+    noise = fetch(_noise(actor, state.key, config))
+    chosen = fetch(_sample(actor, seen, noise[0]))
+    rows = []
+    for index in range(1, config.num_steps + 1):
+        step = environments.step(chosen.actions)
+        true_next = None if step.true_next is step.following else step.true_next
+        statistics, *answer = _advance(actor, statistics, step.following, true_next, noise[index])
+        following, true_next, following_chosen = fetch(answer)
+        true_next = following if true_next is None else true_next
+        ends = (step.terminated, step.truncated, step.counted)
+        rows.append((seen, chosen.latents, chosen.log_probs, step.rewards, true_next, *ends))
+        seen, chosen = following, following_chosen
+    # The last decision is dropped: the next rollout decides with its own key and the improved actor.
+    after = replace(state, statistics=statistics, observations=jnp.asarray(seen))
+    return after, _rollout(rows, environments.all_count)
+
+
+def _rollout(rows: list[tuple[Any, ...]], all_count: bool) -> Rollout:
+    """Stack the steps, whose arrays are in the order of a rollout's fields; compiled functions take NumPy's."""
+    columns: list[Any] = list(map(np.stack, zip(*rows, strict=True)))
+    columns[-1] = None if all_count else columns[-1].astype(np.float32)
+    return Rollout(*columns)
+
+
+@jax.jit
+def _noise(actor: AnyActor, key: Key, config: Config) -> Float[Array, "decisions k envs"]:
+    """The noise of all decisions of a rollout: drawn at each step, it would take a quarter of the step's call."""
+    keys = jax.random.split(jax.random.fold_in(key, COLLECT), config.num_steps + 1)
+    return jax.vmap(lambda each: actor.noise(each, (config.num_envs,)))(keys)
+
+
+@jax.jit
+def _advance(
+    actor: AnyActor,
+    statistics: RunningStatistics,
+    following: Float[Array, "envs n"],
+    true_next: Float[Array, "envs n"] | None,
+    noise: Float[Array, "k envs"],
+) -> tuple[RunningStatistics, Float[Array, "envs n"], Float[Array, "envs n"] | None, ActionSample]:
+    """Update the statistics with a step's observations and sample the next actions; one call saves overhead.
+
+    True next observations of None, where no episode ended, stay None: they are the following ones.
+    """
+    statistics = statistics.update(following)
+    normalise = statistics.stage()
+    seen, seen_next = normalise(following), None if true_next is None else normalise(true_next)
+    return statistics, seen, seen_next, sample_actions(actor, seen, noise)
+
+
 _begin = jax.jit(begin_episodes)
 _init = jax.jit(init_learner, static_argnames="spaces")
+_sample = jax.jit(sample_actions)
+_update = jax.jit(algorithm.update)

@@ -120,9 +120,9 @@ def get_preset(name: str) -> Preset:
     return PRESETS[one_of("preset", name, PRESETS)]
 
 
-def is_pendulum(env: Any) -> bool:
-    """Whether an environment is a robot's name or a task of the pendulum."""
-    return isinstance(env, AbstractPendulumTask) or (isinstance(env, str) and env in ROBOTS)
+def is_robot(env: Any) -> bool:
+    """Whether an environment is a robot's name."""
+    return isinstance(env, str) and env in ROBOTS
 
 
 def is_acrobot(env: Any) -> bool:
@@ -137,6 +137,6 @@ def choose_preset(named: str | None, env: Any) -> str:
     if isinstance(env, AbstractPendulumTask):
         fitting = ", ".join(repr(name) for name in PRESETS if name != ENV_PRESET)
         raise SwingupError(f"no preset was named for this {type(env).__name__}: pass preset=, one of {fitting}")
-    if is_pendulum(env):
+    if is_robot(env):
         return PENDULUM_PRESET
     return ACROBOT_PRESET if is_acrobot(env) else ENV_PRESET

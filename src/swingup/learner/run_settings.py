@@ -22,11 +22,11 @@ from ..plant.plant import (
     load_plant,
     make_plant,
 )
-from ..plant.robots import ROBOTS, get_robot
+from ..plant.robots import get_robot
 from ..tasks.adapted import AbstractAdaptedTask
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.presets import get_task
-from .presets import PRESETS, choose_preset, get_preset, is_acrobot
+from .presets import PRESETS, choose_preset, get_preset, is_acrobot, is_robot
 
 SETTINGS_FILE = "config.json"
 
@@ -164,7 +164,7 @@ def make_run_settings(
     env: Any, preset: str | None = None, changes: Mapping[str, Any] | None = None, **given: Any
 ) -> RunSettings:
     """The settings of a run, with the defaults of its preset and its task for what is None or left out."""
-    robot = env if isinstance(env, str) and env in ROBOTS else None
+    robot = env if is_robot(env) else None
     chosen = choose_preset(preset, env)
     defaults = get_preset(chosen)
     # From names, so that misspelt ones are found.
@@ -215,7 +215,7 @@ def default_evaluations(env: Any) -> dict[str, int]:
         return {**CONTINUING_INTERVALS, "evaluation_episodes": 1}
     if is_acrobot(env):
         return ACROBOT_EVALUATIONS
-    intervals = PENDULUM_INTERVALS if isinstance(env, str) and env in ROBOTS else ENV_INTERVALS
+    intervals = PENDULUM_INTERVALS if is_robot(env) else ENV_INTERVALS
     return {**intervals, "evaluation_episodes": RunSettings.evaluation_episodes}
 
 
