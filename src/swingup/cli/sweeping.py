@@ -15,8 +15,8 @@ from ..common.text import quoted
 from ..learner.rates import RESETS, REWARD_RATE, shown_rate
 from ..learner.run_folder import RunFolder
 from ..learner.run_settings import make_run_settings
-from ..sweep.runs import Job, Row, parse_alternatives, plan_jobs, run_jobs, summarise
-from ..sweep.search import best_trial, search, trial_row
+from ..sweep.runs import Job, Row, describe, parse_alternatives, plan_jobs, run_jobs, summarise
+from ..sweep.search import best_trial, search
 from ..sweep.workers import workers_for
 from .arguments import NO_OPTIONS, PlantOptions, RobotOrNone, plant_of, task_name
 from .output import tell, tell_json, tell_table
@@ -87,9 +87,9 @@ def sweep_command(
             study = search(
                 task, texts, trials, out or f"searches/{name}", frames=frames, seed=seed,
                 seeds=1 if seeds is None else seeds, pruning=pruning, workers=count, executor=pool,
-                progress=lambda trial: _show_trial(progress, trial_row(trial), trials), **given,
+                progress=lambda trial: _show_trial(progress, _trial_row(trial), trials), **given,
             )  # fmt: skip
-        best, trial_rows = best_trial(study), [trial_row(trial) for trial in study.trials]
+        best, trial_rows = best_trial(study), [_trial_row(trial) for trial in study.trials]
         tell_json(trial_rows, indent=2) if json else _show_search(trial_rows)
         if best is not None and not json:
             tell("The best one again, with another --seed or more --frames:", best.user_attrs["command"])
@@ -123,6 +123,12 @@ def _alternatives(assignments: Sequence[str]) -> dict[str, str]:
             raise SwingupError(f"--set {quoted(assignment)}: write NAME=VALUE,VALUE with a hyperparameter's name")
         texts[name] = f"{texts[name]},{text}" if name in texts else text
     return texts
+
+
+def _trial_row(trial: Any) -> dict[str, Any]:
+    """A trial of Optuna's in the table of a search."""
+    row = {"trial": trial.number, "state": trial.state.name.lower(), "score": trial.value}
+    return row | {"settings": describe(trial.params), "error": trial.user_attrs.get("error", "")}
 
 
 def _show_trial(progress: Progress, row: Mapping[str, Any], trials: int) -> None:

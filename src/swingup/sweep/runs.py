@@ -1,7 +1,4 @@
-"""The runs of a sweep, every combination of alternatives with every seed, and their table.
-
-They go to any ``concurrent.futures.Executor``. Each run has a folder of its own.
-"""
+"""The runs of a sweep, every combination of alternatives with every seed in folders of their own; their table."""
 
 import contextlib
 import dataclasses
@@ -47,7 +44,7 @@ class Job:
 
 def plan_jobs(
     base: RunSettings,
-    grid: Mapping[str, Sequence[Any]],
+    grid: Mapping[str, Sequence],
     seeds: Sequence[int],
     out: str | Path,
     frames: int | None = None,
@@ -70,9 +67,7 @@ def plan_jobs(
     return jobs
 
 
-def plan_variant(
-    base: RunSettings, chosen: Mapping[str, Any], seeds: Sequence[int], folder: Path, frames: int
-) -> list[Job]:
+def plan_variant(base: RunSettings, chosen: Mapping, seeds: Sequence[int], folder: Path, frames: int) -> list[Job]:
     """The jobs of one choice of settings: one for each seed, in folders of their own below ``folder``."""
     changes = dict(chosen)
     preset = changes.pop("preset", base.preset)
@@ -104,7 +99,7 @@ def parse_alternatives(name: str, text: str) -> list[Any]:
 
 
 def run_jobs(
-    jobs: Sequence[Job], executor: Executor, progress: Callable[[Job, Row], None] = lambda *_: None
+    jobs: Sequence[Job], executor: Executor, progress: Callable[[Job, Row], None] = lambda job, row: None
 ) -> list[Row]:
     """Run all jobs that are not done yet; a job that fails does not stop the others.
 
@@ -119,19 +114,25 @@ def run_jobs(
     return [rows[job.folder] for job in jobs]
 
 
-def train_one(job: Job, report: Callable[[Row], None] | None = None) -> Row:
+def train_one(job: Job, report: Callable[[Row], None] = lambda row: None) -> Row:
     """Run one job, or the rest of it, in the calling process; its last metrics.
 
     ``report`` is called with the metrics of each evaluation; what it raises ends the run.
     """
-    folder = RunFolder(job.folder)
-    row = _row_at_end(folder, job.settings, job.frames)
+    folder, row = RunFolder(job.folder), None
+    rollout = job.settings.config.rollout_size
+    end = math.ceil(job.frames / rollout) * rollout
+    if folder.has_checkpoint():
+        if read_run_settings(job.folder)[0] != job.settings:
+            raise SwingupError(f"{folder} holds a run with other settings: choose another --out")
+        # Metrics are written before their checkpoint: a run that was killed between the two has to go on.
+        if folder.newest_frames() >= end and (metrics := job.folder / METRICS_FILE).exists():
+            row = next((each for each in read_metrics(metrics) if each["frames"] == end), None)
     if row is None:
-        with contextlib.closing(_open(folder, job.settings, job.frames)) as run:
+        with contextlib.closing(_open(folder, job)) as run:
             for each in run.advance():
                 row = each.rows[0]
-                if report is not None:
-                    report(row)
+                report(row)
     if row is None:
         raise SwingupError(f"{folder} is complete but its metrics are not: remove it to train again")
     return row
@@ -155,36 +156,20 @@ def summarise(jobs: Sequence[Job], rows: Sequence[Row]) -> list[dict[str, Any]]:
     for variant in dict.fromkeys(job.variant for job in jobs):
         mine = [row for job, row in zip(jobs, rows, strict=True) if job.variant == variant]
         good = [row for row in mine if is_number(row.get("score"))]
+        interval = interquartile_interval([row["score"] for row in good]) if good else (math.nan, math.nan)
         counts = {"variant": variant, "runs": len(good), "failed": len(mine) - len(good)}
-        scores = [row["score"] for row in good]
-        interval = list(interquartile_interval(scores)) if good else [math.nan, math.nan]
-        means = {name: _middle(good, name) for name in ("best_score", REWARD_RATE, RESETS)}
-        table.append(counts | {"score": _middle(good, "score"), "interval": interval} | means)
+        scores = {"score": _middle(good, "score"), "interval": list(interval)}
+        table.append(counts | scores | {name: _middle(good, name) for name in ("best_score", REWARD_RATE, RESETS)})
     return table
 
 
-def _row_at_end(folder: RunFolder, settings: RunSettings, frames: int) -> Row | None:
-    """The metrics after so many frames of a run that got there or further; None if it has to be trained."""
-    if not folder.has_checkpoint():
-        return None
-    if read_run_settings(folder.path)[0] != settings:
-        raise SwingupError(f"{folder} holds a run with other settings: choose another --out")
-    path, rollout = folder.path / METRICS_FILE, settings.config.rollout_size
-    end = math.ceil(frames / rollout) * rollout
-    # Metrics are written before their checkpoint: a run that was killed between the two has to go on.
-    if folder.newest_frames() < end or not path.exists():
-        return None
-    return next((row for row in read_metrics(path) if row["frames"] == end), None)
-
-
-def _open(folder: RunFolder, settings: RunSettings, frames: int) -> Run:
-    """A new run, or the one in the folder from its checkpoint."""
-    # Two workers must not start the same run. Training then takes the lock itself.
+def _open(folder: RunFolder, job: Job) -> Run:
+    """A new run, or the folder's. Two workers must not start the same one; training then takes the lock itself."""
     with folder.exclusive(LOCK_SECONDS):
-        if not folder.has_checkpoint():
-            folder.clear()  # killed before its first checkpoint
-            return start_run(settings, folder.path, frames)
-    return resume_run(folder.path, frames)
+        if folder.has_checkpoint():
+            return resume_run(job.folder, job.frames)
+        folder.clear()  # killed before its first checkpoint
+        return start_run(job.settings, job.folder, job.frames)
 
 
 def _middle(rows: Sequence[Row], name: str) -> float:

@@ -1,7 +1,7 @@
 """A search for hyperparameters: Optuna suggests trials, which train on any ``concurrent.futures.Executor``.
 
-The folder of a search holds Optuna's storage, a folder for each trial's runs, and ``best.json``. A search that was
-interrupted goes on: trials that have ended are not repeated, the others resume from checkpoints.
+Its folder holds Optuna's storage, a folder for each trial's runs, and ``best.json``. A search that was interrupted
+goes on: trials that have ended are not repeated, the others resume from checkpoints.
 """
 
 import contextlib
@@ -22,20 +22,16 @@ from ..common.errors import SwingupError, needing
 from ..common.text import one_line, quoted
 from ..learner.run_folder import RunFolder
 from ..learner.run_settings import RunSettings, make_run_settings
-from .runs import MOST_RUNS, Row, describe, describe_error, parse_alternatives, plan_variant, run_length, train_one
+from .runs import MOST_RUNS, Row, describe_error, parse_alternatives, plan_variant, run_length, train_one
 from .workers import workers_for
 
 if TYPE_CHECKING:
-    from optuna import Study, Trial
-    from optuna.distributions import BaseDistribution
-    from optuna.trial import FrozenTrial
+    import optuna
 
 STORAGE = "study.db"
 """Optuna's SQLite file."""
 RUNGS = 10
 """Intermediate scores of a run: one a tenth."""
-UNPRUNED_TRIALS, UNPRUNED_RUNGS = 5, 2
-"""Trials before any is cut short, and tenths of the first run before it may be."""
 
 
 @dataclass(frozen=True)
@@ -60,9 +56,9 @@ def search(
     pruning: bool = True,
     workers: int | None = None,
     executor: Executor | None = None,
-    progress: Callable[["FrozenTrial"], None] | None = None,
+    progress: Callable[["optuna.trial.FrozenTrial"], None] | None = None,
     **settings: Any,
-) -> "Study":
+) -> "optuna.Study":
     """Search for hyperparameters with Optuna; the same call again goes on.
 
     Workers are fresh processes, which import the calling script: call this below ``if __name__ == "__main__":``.
@@ -112,18 +108,12 @@ def search(
     return study
 
 
-def trial_row(trial: "FrozenTrial") -> dict[str, Any]:
-    """A trial in the table of a search."""
-    row = {"trial": trial.number, "state": trial.state.name.lower(), "score": trial.value}
-    return row | {"settings": describe(trial.params), "error": trial.user_attrs.get("error", "")}
-
-
-def best_trial(study: "Study") -> "FrozenTrial | None":
+def best_trial(study: "optuna.Study") -> "optuna.trial.FrozenTrial | None":
     """The complete trial with the best score; None if no trial is complete."""
     return study.best_trial if any(trial.state.name == "COMPLETE" for trial in study.trials) else None
 
 
-def train_trial(plan: SearchPlan, trial: "Trial") -> float:
+def train_trial(plan: SearchPlan, trial: "optuna.Trial") -> float:
     """Train a trial's seeds, one after the other, in the calling process: the interquartile mean of their scores.
 
     Optuna prunes a trial of which it expects no more; settings that do not go together are refused.
@@ -162,16 +152,10 @@ def train_trial(plan: SearchPlan, trial: "Trial") -> float:
 
 
 def _run_trials(
-    plan: SearchPlan,
-    study: "Study",
-    space: Mapping[str, "BaseDistribution"],
-    trials: int,
-    pool: Executor,
-    count: int,
-) -> Iterator["FrozenTrial"]:
+    plan: SearchPlan, study: "optuna.Study", space: dict[str, Any], trials: int, pool: Executor, count: int
+) -> Iterator["optuna.trial.FrozenTrial"]:
     """Ask for trials, run them, and tell the study what came of each."""
-    from optuna import TrialPruned
-    from optuna.samplers import TPESampler
+    from optuna import TrialPruned, samplers
     from optuna.trial import TrialState
 
     with _storage_errors(plan):
@@ -179,13 +163,13 @@ def _run_trials(
         for each in interrupted:
             study._storage.set_trial_state_values(each._trial_id, TrialState.WAITING)
         numbers = [*(each.number for each in interrupted), *range(len(study.trials), trials)]
-        running: dict[Future[float], Trial] = {}
+        running: dict[Future[float], optuna.Trial] = {}
         while numbers or running:
             while numbers and len(running) < count:
                 # From the number, too: a search that goes on must not draw the first values again.
                 source = np.random.SeedSequence([plan.seeds.start, numbers.pop(0)])
-                study.sampler = TPESampler(seed=int(source.generate_state(1)[0]))
-                asked = study.ask(dict(space))  # the waiting trials first, with the settings that they have
+                study.sampler = samplers.TPESampler(seed=int(source.generate_state(1)[0]))
+                asked = study.ask(space)  # the waiting trials first, with the settings that they have
                 running[pool.submit(train_trial, plan, asked)] = asked
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 trial, error = running.pop(future), future.exception()
@@ -193,23 +177,21 @@ def _run_trials(
                     trial.set_user_attr("error", "" if error is None else describe_error(error))
                 if error is None:
                     study.tell(trial.number, future.result())
-                elif isinstance(error, TrialPruned):
-                    study.tell(trial.number, state=TrialState.PRUNED)
                 # A worker's death says nothing of the settings: the trial stays open for the next call.
                 elif not isinstance(error, BrokenExecutor):
-                    study.tell(trial.number, state=TrialState.FAIL)
+                    pruned = isinstance(error, TrialPruned)
+                    study.tell(trial.number, state=TrialState.PRUNED if pruned else TrialState.FAIL)
                 yield study.trials[trial.number]
 
 
-def _distribution(name: str, text: str) -> "BaseDistribution":
+def _distribution(name: str, text: str) -> Any:
     """Optuna's form of a range, or of alternatives, which it stores as text."""
     with needing("Optuna", "optuna", "a search"):
         from optuna import distributions
     low, colon, rest = text.partition(":")
     if not colon:
-        return distributions.CategoricalDistribution(
-            tuple(dict.fromkeys(map(format_value, parse_alternatives(name, text))))
-        )
+        texts = dict.fromkeys(map(format_value, parse_alternatives(name, text)))
+        return distributions.CategoricalDistribution(tuple(texts))
     high, *scale = rest.split(":")
     (least, *_), (most, *_) = parse_alternatives(name, low), parse_alternatives(name, high)
     kind = type(getattr(Config(), name, None))
@@ -222,32 +204,30 @@ def _distribution(name: str, text: str) -> "BaseDistribution":
         raise SwingupError(f"{name} = {quoted(text)}: {one_line(error)}") from error
 
 
-def _open_study(plan: SearchPlan, space: Mapping[str, str], pruning: bool) -> "Study":
+def _open_study(plan: SearchPlan, space: Mapping[str, str], pruning: bool) -> "optuna.Study":
     """The study in the folder, or a new one."""
-    from optuna import create_study, logging
-    from optuna.pruners import MedianPruner, NopPruner
-    from optuna.storages import RDBStorage
+    from optuna import create_study, logging, pruners, storages
     from sqlalchemy import pool
 
     logging.set_verbosity(logging.WARNING)  # no line about a new study or an ended trial
-    pruner = MedianPruner(UNPRUNED_TRIALS, UNPRUNED_RUNGS) if pruning else NopPruner()
-    settings = {**vars(plan), **plan.base.as_dict(), "space": dict(space)}
-    settings |= {"base": None, "out": None, "seeds": [plan.seeds.start, len(plan.seeds)]}
+    # No trial is cut short before five others have ended, nor in the first two tenths of its first run.
+    pruner = pruners.MedianPruner(n_startup_trials=5, n_warmup_steps=2) if pruning else pruners.NopPruner()
+    seeds = [plan.seeds.start, len(plan.seeds)]
+    settings = {"frames": plan.frames, **plan.base.as_dict(), "seeds": seeds, "space": dict(space)}
     with _storage_errors(plan):
         # Workers report to the same file: SQLite lets them wait for one another. Each connection is closed after
         # its use, since nobody closes those of a pool.
-        storage = RDBStorage(
-            f"sqlite:///{plan.out / STORAGE}", {"connect_args": {"timeout": 60}, "poolclass": pool.NullPool}
-        )
+        options = {"connect_args": {"timeout": 60}, "poolclass": pool.NullPool}
+        storage = storages.RDBStorage(f"sqlite:///{plan.out / STORAGE}", options)
         study = create_study(
             storage=storage, study_name="search", direction="maximize", load_if_exists=True, pruner=pruner
         )
         best_trial(study)  # reads all trials: what is damaged shows here
-        known = study.user_attrs.get("settings")
-        if known is None:
+        if (known := study.user_attrs.get("settings")) is None:
             study.set_user_attr("settings", known := settings)
-        if different := ", ".join(name for name in settings if known[name] != settings[name]):
-            raise SwingupError(f"{plan.out} holds a search with another {different}: choose another --out")
+        different = ", ".join(name for name in settings if known[name] != settings[name])
+    if different:
+        raise SwingupError(f"{plan.out} holds a search with another {different}: choose another --out")
     return study
 
 
@@ -256,10 +236,6 @@ def _storage_errors(plan: SearchPlan) -> Iterator[None]:
     """Name the file in whatever a damaged one raises: the storage does not say what that is."""
     try:
         yield
-    except SwingupError:
-        raise
     except Exception as error:
-        reason = one_line(error, 80)
-        raise SwingupError(
-            f"cannot read {plan.out / STORAGE} ({reason}): restore it, or choose another --out"
-        ) from error
+        damaged = f"{plan.out / STORAGE} ({one_line(error, 80)})"
+        raise SwingupError(f"cannot read {damaged}: restore it, or choose another --out") from error

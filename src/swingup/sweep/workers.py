@@ -14,8 +14,6 @@ from ..common.checks import whole_number
 from ..common.cores import cores
 from ..common.errors import SwingupError, needing
 
-MOST_WORKERS = 1024
-
 
 @contextlib.contextmanager
 def workers_for(scheduler: str | None = None, count: int | None = None) -> Iterator[tuple[Executor, int]]:
@@ -25,7 +23,7 @@ def workers_for(scheduler: str | None = None, count: int | None = None) -> Itera
     the trials of a search, one for each of the workers' threads.
     """
     if count is not None:
-        whole_number("workers", count, 1, MOST_WORKERS)
+        whole_number("workers", count, 1, 1024)
     if scheduler is None:
         count = count or max(1, cores() // 2)
         with _local_processes(count) as executor:
@@ -52,14 +50,14 @@ def _local_processes(count: int) -> Iterator[Executor]:
     # Nothing is ever sent. The system closes our end when this process dies, even by SIGKILL.
     lifeline, ours = context.Pipe(duplex=False)
 
-    def in_fresh_process(function: Callable[..., Any], *arguments: Any) -> Any:
-        # A process that dies, for example by its need for memory, breaks this pool and no other run.
-        with ProcessPoolExecutor(1, context, _begin_worker, (lifeline,)) as pool:
-            return pool.submit(function, *arguments).result()
-
     class FreshProcesses(ThreadPoolExecutor):
         def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-            return super().submit(in_fresh_process, fn, *args, **kwargs)
+            def run() -> Any:
+                # A process that dies, for example by its need for memory, breaks this pool and no other run.
+                with ProcessPoolExecutor(1, context, _begin_worker, (lifeline,)) as pool:
+                    return pool.submit(fn, *args, **kwargs).result()
+
+            return super().submit(run)
 
     with lifeline, ours, FreshProcesses(count) as executor:
         try:
@@ -72,11 +70,11 @@ def _local_processes(count: int) -> Iterator[Executor]:
 
 def _begin_worker(lifeline: Connection) -> None:
     """Let a worker leave Ctrl-C to the process that started it, and end with it."""
+
+    def wait_for_end() -> None:
+        with contextlib.suppress(EOFError, OSError):
+            lifeline.recv_bytes()
+        os._exit(1)  # the run resumes from its checkpoint
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
-
-
-def _end_with(lifeline: Connection) -> None:
-    with contextlib.suppress(EOFError, OSError):
-        lifeline.recv_bytes()
-    os._exit(1)  # the run resumes from its checkpoint
+    threading.Thread(target=wait_for_end, daemon=True).start()
