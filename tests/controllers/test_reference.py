@@ -18,7 +18,7 @@ from swingup.controllers.baselines.own_units import SEARCH
 from swingup.controllers.baselines.published import PUBLISHED_SETTINGS
 from swingup.controllers.baselines.tracking import RiccatiController
 from swingup.controllers.swingups import design
-from swingup.controllers.swingups.design import RESTING_STATE, _cheapest, compute_reference
+from swingup.controllers.swingups.design import _cheapest, compute_reference
 from swingup.controllers.swingups.ilqr import Solution
 from swingup.controllers.swingups.reference import REFERENCE_ARRAYS, Reference, load_reference, save_reference
 from swingup.controllers.swingups.trajectory_csv import load_reference_csv, save_reference_csv
@@ -61,10 +61,11 @@ def test_shipped_trajectories_have_the_published_figures(robot):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "problem", "settings", "rtol", "atol"),
-    [("acrobot", "published", PUBLISHED_SETTINGS, 1e-6, 1e-3), ("pendubot", "score", OPTIMAL_SETTINGS, 1e-4, 1e-2)],
+    [("acrobot", "published", PUBLISHED_SETTINGS, 1e-6, 1e-3)]
+    + [(name, "score", OPTIMAL_SETTINGS, 1e-4, 1e-2) for name in ROBOTS],
 )
 def test_a_shipped_trajectory_can_be_recomputed(name, problem, settings, rtol, atol):
-    """One robot's of each: the published pendubot's takes four times as long, small changes tell of ``score``."""
+    """But for the published pendubot's, which takes four times as long."""
     shipped, metadata = shipped_reference(name, problem)
     reference, provenance = compute_reference(name, settings[name].swingup, metadata["seed"])
     assert provenance["cost"] == pytest.approx(metadata["cost"], rel=rtol)
@@ -84,48 +85,6 @@ def test_the_optimiser_stays_at_the_pendubots_trajectory(monkeypatch):
     np.testing.assert_allclose(found.torque, shipped.torque, atol=1e-5)
     np.testing.assert_allclose(found.states, shipped.states, atol=1e-3)
     np.testing.assert_allclose(found.gains, shipped.gains, atol=1e-3 * np.abs(shipped.gains).max())
-
-
-def test_no_small_change_of_the_torques_lowers_the_cost(x64, robot):
-    reference, metadata = shipped_reference(robot, "score")
-    problem, p, dt = OPTIMAL_SETTINGS[robot.name].swingup, LEADERBOARD.driven(robot), reference.dt
-    rows, actuation = len(reference.torque), np.array(robot.actuation)
-
-    @jax.jit
-    @jax.vmap
-    def follow(change):
-        # Feedback keeps the changed motion near the old one, which is unstable.
-        def step(x, row):
-            middle, torque, gains, more = row
-            u = torque + gains @ (x - middle) + more
-            after = rk4_step(p, x, u * actuation, dt)
-            return after, (after, u)
-
-        rows = reference.states, reference.torque, reference.gains, change
-        return jax.lax.scan(step, jnp.zeros(4), rows)[1]
-
-    def costs(x, u, torque_weight):
-        # The torque after the last row is not kept. It minimises rate (u_n - u_{n-1})²/dt + final_torque u_n².
-        stiffness = problem.rate / dt
-        last = u[:, -1] * stiffness / (stiffness + problem.final_torque)
-        rate = np.diff(np.column_stack([u, last])) / dt
-        angle_weight, _, velocity_weight, _ = problem.weights.state
-        velocity = np.sum(x[:, :-1, 2:] ** 2, axis=(1, 2))  # at rest in the first row
-        angle = np.sum((x[:, :-1, 0] - np.pi) ** 2, axis=1) + np.pi**2
-        stages = velocity_weight * velocity + angle_weight * angle
-        stages += torque_weight * np.sum(u**2, axis=1) + problem.rate * np.sum(rate**2, axis=1)
-        final = (x[:, -1] - RESTING_STATE[:4]) ** 2 @ np.array(problem.weights.final)
-        return dt * stages + final + problem.final_torque * last**2
-
-    sines = np.sin(np.pi * np.arange(1, 7)[:, None] * np.linspace(0.0, 1.0, rows))
-    changes = 1e-3 * np.random.default_rng(0).normal(size=(8, 6)) @ sines
-    x, u = map(np.asarray, follow(np.concatenate([np.zeros((1, rows)), changes, -changes])))
-    unchanged, *changed = costs(x, u, problem.weights.torque)
-    assert unchanged == pytest.approx(metadata["cost"], rel=1e-6)
-    assert min(changed) > unchanged - 1e-8
-    # The same changes do find something to gain where torque costs twice as much.
-    unchanged, *changed = costs(x, u, 2 * problem.weights.torque)
-    assert min(changed) < unchanged - 1e-6
 
 
 def test_the_torques_rate_moves_the_torque_only_in_its_own_step(x64):
