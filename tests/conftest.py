@@ -7,6 +7,7 @@ import gc
 import importlib.metadata
 import os
 import shutil
+import signal
 import sys
 from pathlib import Path
 
@@ -30,6 +31,7 @@ import pytest  # noqa: E402
 
 from swingup.benchmark.boards import ROBUSTNESS, UPTIME  # noqa: E402
 from swingup.benchmark.grid import change_grid  # noqa: E402
+from swingup.plant.plant import NAMES  # noqa: E402
 from swingup.plant.robots import ROBOTS  # noqa: E402
 
 
@@ -49,10 +51,10 @@ def either_robot(request):
 @pytest.fixture(scope="session")
 def similar():
     """From a plant to one that moves alike: lengths × 0.25 and masses × 0.1; T × 0.5 and torques × 0.025."""
-    powers = {"l": (1, 0), "r": (1, 0), "m": (0, 1), "I": (2, 1), "t": (1, 1)}  # of length and mass
+    powers = {"l": (1, 0), "r": (1, 0), "m": (0, 1), "I": (2, 1), "b": (1.5, 1), "c": (1, 1), "t": (1, 1)}
 
     def make(plant):
-        names = ("l1", "l2", "r1", "r2", "m1", "m2", "I1", "I2", "Ir", "tl1", "tl2")
+        names = set(NAMES) - {"g", "gr"}
         factors = {name: 0.25 ** powers[name[0]][0] * 0.1 ** powers[name[0]][1] for name in names}
         return dataclasses.replace(plant, **{name: getattr(plant, name) * factors[name] for name in names})
 
@@ -64,6 +66,16 @@ def x64():
     """Double precision for one test, as the package's entry points use it: never a global flag."""
     with jax.enable_x64(True):
         yield
+
+
+@pytest.fixture
+def own_signals():
+    """Handlers that a command sets go; and SIGINT, which a shell's background jobs inherit as ignored, acts."""
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture(scope="session")
