@@ -179,6 +179,7 @@ def is_running(pid):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("own_signals")
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 @pytest.mark.parametrize("search", [False, True])
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
@@ -186,10 +187,7 @@ def test_a_command_that_is_killed_takes_its_workers_along_and_goes_on(tmp_path, 
     words = "sweep --env CartPole-v1 --workers 2 --evaluate-every 64 --seeds 2 --checkpoint-every 64 --frames 6400"
     words += " --evaluation-episodes 1 " + ("--trials 2 --set learning_rate=1e-4:1e-2" if search else "--set")
     command = [sys.executable, "-m", "swingup", *words.split(), *SIZE_WORDS, "--out", str(tmp_path)]
-    # Processes inherit an ignored SIGINT, which a shell gives what it starts in the background.
-    former = signal.signal(signal.SIGINT, signal.default_int_handler)
     process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
-    signal.signal(signal.SIGINT, former)
     while not any(path.stat().st_size for path in tmp_path.rglob("metrics.jsonl")):
         assert process.poll() is None
         time.sleep(0.05)

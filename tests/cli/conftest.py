@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import signal
 
 import pytest
 
@@ -11,15 +10,11 @@ from swingup.cli import main
 
 
 @pytest.fixture(autouse=True)
-def surroundings(tmp_path, monkeypatch):
-    """An empty working folder, from which modules can be imported; signal handlers as they were."""
+def surroundings(tmp_path, monkeypatch, own_signals):
+    """An empty working folder, from which modules can be imported."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
 
 
 @pytest.fixture

@@ -37,14 +37,6 @@ def pressed(process):
             process.kill()
 
 
-@pytest.fixture(autouse=True)
-def heeded():
-    """Processes inherit an ignored SIGINT, which a shell gives what it starts in the background."""
-    former = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, former)
-
-
 def start(words, tmp_path, **streams):
     return subprocess.Popen([sys.executable, *words], cwd=tmp_path, **streams)
 

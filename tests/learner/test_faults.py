@@ -78,15 +78,6 @@ def wait_for_reports(folder, process, count):
 
 
 @pytest.fixture
-def signals_as_they_were():
-    """The command handles signals to its process's end."""
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
-
-
-@pytest.fixture
 def folder(tmp_path):
     """That of a run of two iterations, whose policies are judged briefly for the whole test."""
     with briefly_judged():
@@ -99,7 +90,7 @@ def best_score(row):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("signals_as_they_were")
+@pytest.mark.usefixtures("own_signals")
 @pytest.mark.parametrize("task", ["compiled", "host"])
 def test_killed_processes_resume_to_the_same_bits(tmp_path, task):
     arguments = [*TASKS[task], "--frames", str(64 * (300 if task == "compiled" else 960)), *TINY]
