@@ -34,17 +34,6 @@ def test_samples_follow_the_probabilities():
     assert np.mean((drawn == [2, 1]).all(axis=1)) == pytest.approx(0.05, abs=0.005)
 
 
-def test_batch_axes_come_last():
-    logits, noise = np.random.default_rng(1).normal(size=(2, 5, 7)).astype(np.float32)
-    together = Categoricals(logits, (3, 2))
-    drawn = together.sample(noise)
-    log_probs = log_prob(together, drawn)
-    for column in range(7):
-        alone = Categoricals(logits[:, column], (3, 2))
-        np.testing.assert_array_equal(drawn[:, column], alone.sample(noise[:, column]))
-        np.testing.assert_allclose(log_probs[column], log_prob(alone, drawn[:, column]), rtol=1e-5)
-
-
 def test_a_new_policy_is_next_to_uniform():
     actor = init_categorical_actor(jax.random.key(0), 3, (3, 2), (32, 32))
     observations = np.random.default_rng(1).normal(size=(3, 20)).astype(np.float32)
