@@ -10,7 +10,6 @@ from synthetic import OFFSETS, TRUTH, simulate, write
 
 import swingup
 from refusals import refusal
-from swingup.cli import main
 from swingup.identification.fit import bootstrap, prediction
 from swingup.identification.fit.fit import Evaluator, linearise
 from swingup.identification.fit.prediction import INDEX, integration_of, vector_of
@@ -144,14 +143,6 @@ def test_columns_of_another_sign_are_named(tmp_path, logs):
     table = np.loadtxt(logs[0], delimiter=",", skiprows=1) * [*5 * [1], -1, -1]
     message = refusal(swingup.identify, [write(tmp_path / "wrong.csv", table)])
     assert message.endswith("--columns u1=-tau_con1 u2=-tau_con2, or take it as it is with --force")
-
-
-def test_the_command(logs, tmp_path, capsys, monkeypatch, found):
-    monkeypatch.setattr("swingup.cli.pendulums.identify", lambda *given: found)
-    assert main(["identify", logs[0], "--json", "--out", str(tmp_path / "mine.yml")]) == 0
-    assert set(json.loads(capsys.readouterr().out)) == {"parameters", "intervals", "determined", "errors"}
-    assert main(["identify", logs[0]]) == 0
-    assert "Held-out errors" in capsys.readouterr().out
 
 
 def test_a_fit_is_never_worse_than_its_start(logs, monkeypatch):
