@@ -8,7 +8,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from swingup.export.c_backend.header import POLICY, c_data, c_header, runtime
+from swingup.export.c_backend.header import c_data, c_header, runtime
 from swingup.policy.guard.settings import default_guard
 from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.shipped import load_policy
@@ -100,17 +100,6 @@ def test_with_each_combination_of_switches(tmp_path, name, parts):
     program = build(tmp_path, *COMMAND, "-fsanitize=undefined,address", "-fno-sanitize-recover")
     result = subprocess.run([program], capture_output=True, text=True, check=False)
     assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
-
-
-HEADERS = sorted(str(path.relative_to(POLICY)) for path in POLICY.rglob("*.h"))
-
-
-@pytest.mark.parametrize("header", HEADERS)
-def test_each_file_of_the_runtime_compiles_alone(tmp_path, header):
-    write(tmp_path, PARTS)
-    options = "-include", "data.h", "-fsyntax-only", "-x", "c"
-    result = gcc(tmp_path, *STRICT, *CAREFUL, *options, str(POLICY / header))
-    assert (result.returncode, result.stderr) == (0, "")
 
 
 CANNOT_TELL_NAN = [

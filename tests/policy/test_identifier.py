@@ -110,12 +110,6 @@ def test_it_finds_the_plant():
     assert deviation[:4].max() < 0.25
 
 
-def test_the_nominal_plant_stays():
-    found = errors(moved(NOMINAL).unknowns, NOMINAL)
-    assert found[:, :4].max() < 0.025
-    assert found.max() < 0.1
-
-
 def quantised(step, q):
     return np.round(q / 3.81e-4) * 3.81e-4
 

@@ -20,9 +20,6 @@ from .backends import BACK_ENDS
 from .references import ADAPTIVES, DT, numpy_loop, numpy_run, policy, within
 from .test_regulator import NumpyRegulator
 
-ONE = pytest.mark.parametrize("name", [ADAPTIVES[0], pytest.param(ADAPTIVES[1], marks=pytest.mark.slow)])
-SHIFT = 1000.0
-"""By which a clock is ahead (s)."""
 BINARY = 2.0**-9
 """A period near 2 ms (s). It has few digits: times with and without the shift differ by it to the last bit."""
 
@@ -42,15 +39,7 @@ def test_clocks_that_count_from_an_epoch(name, tmp_path):
         np.testing.assert_allclose(cs.run(*rounded), numpys.run(*rounded), rtol=0, atol=1e-6)
 
 
-@ONE
-def test_calls_before_a_reset_count_for_nothing(name):
-    found = numpy_controller(policy(name))
-    numpy_loop(found, start=(np.pi, 0.05, 0.1, 0.0), steps=101)
-    found.reset()
-    np.testing.assert_array_equal(numpy_loop(found, BINARY, SHIFT, steps=200)[2], numpy_run(name, BINARY)[2][:200])
-
-
-@ONE
+@pytest.mark.parametrize("name", [ADAPTIVES[0], pytest.param(ADAPTIVES[1], marks=pytest.mark.slow)])
 def test_torques_follow_from_estimate_plant_and_memory(name):
     """A network and a regulator that know no time give the same, from the estimates and the plants found."""
     p = policy(name)
