@@ -62,11 +62,7 @@ class Pendulums:
         return float(self.task.dt)
 
     def _prepare(
-        self,
-        robot: str,
-        task: str | AnyPendulumTask,
-        render_mode: str | None,
-        plant: PlantLike,
+        self, robot: str, task: str | AnyPendulumTask, render_mode: str | None, plant: PlantLike
     ) -> tuple[Box, Box]:
         """Set all but the spaces: those of one environment's observations and actions are returned."""
         # With its numbers as arrays, which compiled functions take faster.
@@ -341,8 +337,4 @@ def acrobot_swingup(sparse: bool = False, **arguments: Any) -> PendulumEnv:
 
 
 for _id, _sparse in IDS.items():
-    gymnasium.register(
-        id=_id,
-        entry_point=f"{__name__}:acrobot_swingup",
-        kwargs={"sparse": _sparse},
-    )
+    gymnasium.register(id=_id, entry_point=f"{__name__}:acrobot_swingup", kwargs={"sparse": _sparse})

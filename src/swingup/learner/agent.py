@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..areapo.checkpoint import load_checkpoint, read_metadata, save_checkpoint
+from ..areapo.checkpoint import save_checkpoint
 from ..areapo.config import Config
 from ..areapo.keys import Purpose, root_key
 from ..common.checks import whole_number
-from ..common.errors import SwingupError, naming
+from ..common.errors import SwingupError
 from ..common.text import quoted
 from ..controllers.stack.policy import Policy, act
 from ..plant.plant import LEADERBOARD, PlantLike
@@ -23,7 +23,7 @@ from .evaluators import EPISODES
 from .presets import get_preset
 from .progress import TrainingReport
 from .run import Run
-from .run_settings import RunSettings, make_run_settings, run_settings_from_dict
+from .run_settings import RunSettings, make_run_settings
 from .start import restore_run, resume_run, start_run
 
 Callback = Callable[["AREAPO", TrainingReport], Any]
@@ -116,12 +116,7 @@ class AREAPO:
                 other bounds than those of training.
         """
         model = cls.__new__(cls)
-        if Path(path).is_dir():
-            model._use(resume_run(path, env=env))
-            return model
-        with naming(f"cannot load {path}"):
-            settings = run_settings_from_dict(read_metadata(path).get("settings"))
-        model._use(restore_run(settings, lambda like: load_checkpoint(path, like), str(path), env))
+        model._use(resume_run(path, env=env) if Path(path).is_dir() else restore_run(path, env))
         return model
 
     def _use(self, run: Run) -> None:

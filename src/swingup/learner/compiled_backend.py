@@ -44,11 +44,7 @@ class CompiledBackend(AbstractBackend):
     """One or several seeds of a task in JAX; several devices share the seeds."""
 
     def __init__(
-        self,
-        task: AbstractTask[Any],
-        config: Config,
-        seeds: Sequence[int],
-        evaluator: AbstractEvaluator,
+        self, task: AbstractTask[Any], config: Config, seeds: Sequence[int], evaluator: AbstractEvaluator
     ) -> None:
         """Take a task, the seeds to train on it, and the evaluator of their policies."""
         check_memory(config, task.spaces, len(seeds))

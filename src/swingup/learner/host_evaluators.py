@@ -113,11 +113,10 @@ def play(policy: Policy[Any], environments: Environments, seed: int) -> dict[str
 def _check_spaces(policy: Policy[Any], spaces: Spaces) -> None:
     """Refuse an environment whose observations or actions are not the policy's."""
     actor = policy.actor
-    seen, discrete = actor.trunk[0].weight.shape[1], isinstance(actor, CategoricalActor)
+    seen, choices = actor.trunk[0].weight.shape[1], actor.choices if isinstance(actor, CategoricalActor) else ()
     if seen != spaces.observation_size:
         raise SwingupError(f"the policy sees {seen} numbers, the environment shows {spaces.observation_size}")
-    choices = actor.choices if discrete else ()
-    size = len(choices) if discrete else actor.mean_head.weight.shape[0]
+    size = len(choices) or actor.mean_head.weight.shape[0]
     if (size, choices) != (spaces.action_size, spaces.choices):
         mine, its = _actions(size, choices), _actions(spaces.action_size, spaces.choices)
         raise SwingupError(f"the policy's actions are {mine}, the environment's are {its}")

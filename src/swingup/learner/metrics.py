@@ -54,15 +54,11 @@ class MetricsWriter(contextlib.AbstractContextManager["MetricsWriter"]):
 
     def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
         """Close all files; a failure to flush is raised only if no other error is in flight."""
-        failures = []
-        for close in (self._file.close, *(board.close for board in self._boards.values())):
-            try:
-                close()
-            except OSError as failure:
-                failures.append(failure)
-        if failures and error is None:
-            with self._errors_in_words():
-                raise failures[0]
+        told = self._errors_in_words() if error is None else contextlib.suppress(OSError)
+        with told, contextlib.ExitStack() as closing:
+            closing.callback(self._file.close)
+            for board in self._boards.values():
+                closing.callback(board.close)
 
     @contextlib.contextmanager
     def _errors_in_words(self) -> Iterator[None]:

@@ -7,9 +7,10 @@ from typing import Any
 
 import jax
 
+from ..areapo.checkpoint import load_checkpoint, read_metadata
 from ..areapo.state import LearnerState
 from ..common.checks import whole_number
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, naming
 from ..common.files import make_folder
 from ..tasks.acrobot_swingup import IDS as ACROBOT_IDS
 from ..tasks.acrobot_swingup import AcrobotPractice, acrobot_practice
@@ -23,7 +24,7 @@ from .presets import ACROBOT_PRESET, is_acrobot
 from .progress import UNRANKED, TrainingProgress, is_finite, read_progress
 from .run import Run, Snapshot
 from .run_folder import RunFolder
-from .run_settings import RunSettings, is_description, read_run_settings, write_run_settings
+from .run_settings import RunSettings, is_description, read_run_settings, run_settings_from_dict, write_run_settings
 
 
 def start_run(settings: RunSettings, folder: str | Path | None, frames: int, env: Any = None) -> Run:
@@ -79,11 +80,11 @@ def resume_run(folder: str | Path, frames: int | None = None, env: Any = None) -
     return run
 
 
-def restore_run(
-    settings: RunSettings, load: Callable[[LearnerState], Snapshot], source: str, env: Any = None
-) -> Run:
-    """A run without a folder that continues from a snapshot, which ``load`` reads and an error calls ``source``."""
-    backend, progress = _restored(settings, load, source, env)
+def restore_run(path: str | Path, env: Any = None) -> Run:
+    """A run without a folder that continues from a file that :meth:`swingup.AREAPO.save` wrote."""
+    with naming(f"cannot load {path}"):
+        settings = run_settings_from_dict(read_metadata(path).get("settings"))
+    backend, progress = _restored(settings, lambda like: load_checkpoint(path, like), str(path), env)
     return Run(settings, backend, progress, max(1, progress.iterations * settings.config.rollout_size), None)
 
 
