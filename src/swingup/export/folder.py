@@ -6,7 +6,7 @@ import re
 import shutil
 import tempfile
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -22,19 +22,11 @@ NAME = "swingup"
 """Name of an export unless another one is given."""
 
 
-@dataclass(frozen=True)
-class Form:
-    """Files of a folder's form; the module of its controller and its two templates have the form's name."""
-
-    entry: str
-    readme: str
-
-
 FORMS = {
-    "realaigym": Form("con_{name}.py", "readmes/{name}.md"),
-    "cloudpendulum": Form("controller_{name}.py", "README.md"),
+    "realaigym": ("con_{name}.py", "readmes/{name}.md"),
+    "cloudpendulum": ("controller_{name}.py", "README.md"),
 }
-"""Forms by name; ``{name}`` is the entry's."""
+"""A folder's entry and README by its form, which the entry's module and both templates are named after."""
 
 CELL_VELOCITY = 50.0
 """Largest velocity of a joint in a CloudPendulum's cell (rad/s). Source: what teams report in 2026."""
@@ -79,7 +71,7 @@ def export_folder(
             f"username {quoted(username)} does not fit an entry: use up to 60 letters, no quotes or commas"
         )
     root, values = resources.files("swingup"), readme_values(policy, name)
-    entry, readme = (path.format(name=name) for path in (FORMS[form].entry, FORMS[form].readme))
+    entry, readme = (path.format(name=name) for path in FORMS[form])
     try:
         target = behind_links(folder)  # the final move would replace a link by a folder
         if target.exists() and (not target.is_dir() or any(target.iterdir())):

@@ -6,7 +6,7 @@ from pathlib import Path
 from ..common.errors import SwingupError
 from ..export.folder import FORMS, PACKAGE
 
-PATTERNS = {name: form.entry.format(name="*") for name, form in FORMS.items()}
+PATTERNS = {form: entry.format(name="*") for form, (entry, _) in FORMS.items()}
 """Forms of exported folders, and the file that each has."""
 
 

@@ -33,59 +33,44 @@ class Timing:
 
 
 class FolderController:
-    """Calls the folder at every step and waits for its answer; a fault raises ``SwingupError``."""
+    """Calls the folder at every step and waits for its answer; a fault raises ``SwingupError``.
 
-    def __init__(self, process: FolderProcess) -> None:
-        """Wrap a running folder."""
-        self._process = process
-        self.timing = Timing()
-
-    def get_control_output(self, x: np.ndarray, t: float) -> np.ndarray:
-        """The torques (2,) (N m) for the state x (4,) measured at time t (s)."""
-        self._process.send(t, x)
-        reply = self._process.receive()
-        assert reply is not None  # it waits until there is one
-        self.timing.calls.append(reply.seconds)
-        return reply.u
-
-
-class PacedController:
-    """The same in real time, one step a period, as a robot's loop runs.
-
-    A controller whose answer takes longer than the period is not called again until it is there. Meanwhile the
-    motors keep the torques before, and the simulation goes on.
+    With a period (s) it does so in real time, one step a period, as a robot's loop runs. A controller whose answer
+    takes longer is not called again until it is there. Meanwhile the motors keep the torques before, and the
+    simulation goes on.
     """
 
-    def __init__(self, inner: FolderController, process: FolderProcess, dt: float) -> None:
-        """Wrap a folder's controller, for periods of dt (s) or what the simulation's clock says."""
-        self._inner, self._process, self._dt = inner, process, dt
+    def __init__(self, process: FolderProcess, period: float | None = None) -> None:
+        """Wrap a running folder; the simulation's clock may say other periods than the nominal one."""
+        self._process, self._period, self.timing = process, period, Timing()
         # The first period begins when it is asked for.
         self._begin, self._time = -math.inf, 0.0
         self._held, self._busy = np.zeros(2), False
 
     def get_control_output(self, x: np.ndarray, t: float) -> np.ndarray:
-        """The torques (2,) (N m) that act from time t (s)."""
-        timing, begin = self._inner.timing, self._wait(t)
+        """The torques (2,) (N m) that act from time t (s), for the state x (4,) that is measured then."""
+        end = math.inf if self._period is None else self._wait(t, self._period) + self._period
         if not self._busy:
-            timing.sent.append(begin)
             self._process.send(t, x)
-        reply = self._process.receive(begin + self._dt - time.perf_counter())
+        reply = self._process.receive(end - time.perf_counter())
         self._busy = reply is None
         if reply is None:
-            timing.missed += 1
+            self.timing.missed += 1
         else:
-            timing.calls.append(reply.seconds)
-            self._held = reply.u
+            self._held, seconds = reply
+            self.timing.calls.append(seconds)
         return self._held
 
-    def _wait(self, t: float) -> float:
+    def _wait(self, t: float, period: float) -> float:
         """Wait for the period that begins at time t (s) of the simulation; when it began."""
         now, due = time.perf_counter(), self._begin + t - self._time
         # A loop that is late does not catch up: its next period begins now, as a robot's does.
-        self._inner.timing.late += math.isfinite(due) and not self._busy and now > due + 0.5 * self._dt
+        self.timing.late += math.isfinite(due) and not self._busy and now > due + 0.5 * period
         if due - now > WATCHED_TIME:
             time.sleep(due - now - WATCHED_TIME)
         while (now := time.perf_counter()) < due:
             pass
         self._begin, self._time = now, t
+        if not self._busy:
+            self.timing.sent.append(now)
         return now

@@ -1,6 +1,7 @@
 """The other end of ``child.py``: an exported folder's controller in a process of its own, behind timeouts."""
 
 import json
+import math
 import multiprocessing
 import os
 import signal
@@ -8,7 +9,6 @@ import subprocess
 import sys
 import time
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,16 +22,6 @@ LOADING_TIME = 60.0
 """Longest time in which a folder may be imported (s); a cold disk and a busy machine take seconds."""
 CALLING_TIME = 2.0
 """Longest time of a call (s), after which it counts as hung."""
-
-
-@dataclass(frozen=True)
-class Reply:
-    """What one call gave."""
-
-    u: np.ndarray
-    """Torques (2,) (N m)."""
-    seconds: float
-    """Time inside the call (s)."""
 
 
 class FolderProcess(AbstractContextManager["FolderProcess"]):
@@ -68,7 +58,6 @@ class FolderProcess(AbstractContextManager["FolderProcess"]):
             raise
 
     def __exit__(self, *reason: object) -> None:
-        """End the process."""
         self.close()
 
     def close(self) -> None:
@@ -84,17 +73,14 @@ class FolderProcess(AbstractContextManager["FolderProcess"]):
         self._send([t, x.tolist()])
         self._sent = time.perf_counter()
 
-    def receive(self, wait: float | None = None) -> Reply | None:
-        """The answer to what was sent; None if it is not there ``wait`` seconds from now.
-
-        Without ``wait`` the answer must come.
-        """
+    def receive(self, wait: float = math.inf) -> tuple[np.ndarray, float] | None:
+        """The torques (2,) (N m) and the call's own time (s); None if they are not there ``wait`` s from now."""
         end = self._sent + self._calling
         # Also without time left: an answer that is there must not count as missed.
-        if wait is not None and time.perf_counter() + wait < end and not self._connection.poll(max(0.0, wait)):
+        if time.perf_counter() + wait < end and not self._connection.poll(max(0.0, wait)):
             return None
         answer = self._answer(end, self._calling)
-        return Reply(np.array(answer["u"]), answer["seconds"])
+        return np.array(answer["u"]), answer["seconds"]
 
     def stop(self) -> dict[str, Any] | None:
         """When (s) and why a safety guard has stopped the controller, if it has."""

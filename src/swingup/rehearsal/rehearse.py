@@ -25,7 +25,7 @@ from ..plant.robots import Robot, get_robot
 from ..policy.plant_facts import plant_difference
 from ..policy.shipped import load_policy
 from .folder import Folder, find_folder
-from .loop import FolderController, PacedController, Timing
+from .loop import FolderController, Timing
 from .process import CALLING_TIME, FolderProcess
 from .result import Rehearsal
 
@@ -119,12 +119,11 @@ def _rows(
 ) -> tuple[Timing, Trajectory]:
     """One run: the times of its calls, and its rows."""
     assert setting.domain is not None  # every rehearsal draws from one
-    controller, depth = FolderController(process), setting.domain.depth
-    paced = PacedController(controller, process, board.dt) if real_time else controller
+    controller, depth = FolderController(process, board.dt if real_time else None), setting.domain.depth
     if real_time:
         # Compiled before the clock runs.
         run_one(PythonController(lambda x, t: (0.0, 0.0)), case.scenario, board.dt, 2, depth)
-    rows = run_one(PythonController(paced), case.scenario, board.dt, board.steps, depth)
+    rows = run_one(PythonController(controller), case.scenario, board.dt, board.steps, depth)
     return controller.timing, rows
 
 
