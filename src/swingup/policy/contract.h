@@ -86,8 +86,7 @@ static inline int swingup_ask(swingup_controller *c, double t, const double x[4]
     (void)t;
 #if SWINGUP_HAS_ESTIMATOR
     if (swingup_early(&c->estimator, t)) {
-        u[0] = c->asked[0];
-        u[1] = c->asked[1];
+        swingup_copy(u, c->asked, 2);
         return 0;
     }
     swingup_observe(&c->estimator, t, own, seen);
@@ -97,8 +96,7 @@ static inline int swingup_ask(swingup_controller *c, double t, const double x[4]
 #if SWINGUP_HAS_IDENTIFIER
     swingup_compensate(&c->estimator.identifier, seen, u);
 #endif
-    c->asked[0] = u[0];
-    c->asked[1] = u[1];
+    swingup_copy(c->asked, u, 2);
     return 1;
 }
 

@@ -50,6 +50,25 @@ static inline int swingup_finite(const double *values, int count)
     return finite;
 }
 
+/* Copy numbers. */
+static inline void swingup_copy(double *to, const double *from, int count)
+{
+    int i;
+    for (i = 0; i < count; i++) {
+        to[i] = from[i];
+    }
+}
+
+/* Remember a number before the newer ones; the oldest one is forgotten. */
+static inline void swingup_push(double *past, int count, double newest)
+{
+    int k;
+    for (k = count - 1; k > 0; k--) {
+        past[k] = past[k - 1];
+    }
+    past[0] = newest;
+}
+
 /* An angle's distance (rad) without whole turns. */
 static inline double swingup_turned(double angle)
 {

@@ -45,9 +45,7 @@ static inline int swingup_follow(swingup_estimator *c, const swingup_plant *plan
     double predicted[4], miss[4], correction[4], change[4], response[2];
     int i, n, best = 0;
 
-    for (i = 0; i < 4; i++) {
-        predicted[i] = c->state[i];
-    }
+    swingup_copy(predicted, c->state, 4);
     swingup_step(plant, predicted, torque, h);
     for (i = 0; i < 4; i++) {
         miss[i] = x ? x[i] - predicted[i] : 0.0;
@@ -98,9 +96,7 @@ static inline int swingup_follow(swingup_estimator *c, const swingup_plant *plan
             c->deviations[n][i] = drifted[n][i] - in_charge;
         }
     }
-    for (n = 0; n < SWINGUP_DELAYS; n++) {
-        c->evidence[n] = evidence[n];
-    }
+    swingup_copy(c->evidence, evidence, SWINGUP_DELAYS);
     c->delay_steps = best;
     return 1;
 }
@@ -163,33 +159,27 @@ static inline void swingup_observe(swingup_estimator *c, double t, const double 
     const double interval = h, passed = 0.0;
     const int age = 0;
 #endif
+    static const double none[4] = {0.0};
     swingup_plant plant;
-    int i, n;
+    int n;
 
     swingup_believe(&plant, base, friction);
 #if SWINGUP_HAS_IDENTIFIER
     plant.load = SWINGUP_HAS_LOADS ? found->predicted_load : 0;
 #endif
-    if (late || !swingup_follow(c, &plant, lost ? 0 : x, interval, age)) {
-        for (i = 0; i < 4; i++) {
-            c->state[i] = seen[i] = x[i];
-        }
+    if (!late && swingup_follow(c, &plant, lost ? 0 : x, interval, age)) {
+        swingup_copy(seen, c->state, 4);
+        swingup_ahead(c, &plant, seen, passed + (c->delay_steps - age) * h);
+    } else {
+        swingup_copy(seen, x, 4);
+        swingup_copy(c->state, x, 4);
         for (n = 0; n < SWINGUP_DELAYS; n++) {
             c->torques[n] = 0.0;
-            for (i = 0; i < 4; i++) {
-                c->deviations[n][i] = 0.0;
-            }
+            swingup_copy(c->deviations[n], none, 4);
         }
-    } else {
-        for (i = 0; i < 4; i++) {
-            seen[i] = c->state[i];
-        }
-        swingup_ahead(c, &plant, seen, passed + (c->delay_steps - age) * h);
-        if (!swingup_finite(seen, 4)) {
-            for (i = 0; i < 4; i++) {
-                seen[i] = x[i];
-            }
-        }
+    }
+    if (!swingup_finite(seen, 4)) {
+        swingup_copy(seen, x, 4);
     }
 #if SWINGUP_HAS_IDENTIFIER
     if (lost) {
@@ -205,13 +195,9 @@ static inline void swingup_observe(swingup_estimator *c, double t, const double 
 /* Note the torques that the motors were asked for, within their limits. */
 static inline void swingup_remember(swingup_estimator *c, const double u[2])
 {
-    int n;
-    for (n = SWINGUP_DELAYS - 1; n > 0; n--) {
-        c->torques[n] = c->torques[n - 1];
-    }
-    c->torques[0] = u[SWINGUP_DRIVEN];
+    swingup_push(c->torques, SWINGUP_DELAYS, u[SWINGUP_DRIVEN]);
 #if SWINGUP_HAS_IDENTIFIER
-    swingup_note(&c->identifier, c->torques[0], u[1 - SWINGUP_DRIVEN]);
+    swingup_note(&c->identifier, u);
 #endif
 }
 #endif

@@ -121,8 +121,7 @@ static inline void swingup_limited(swingup_guard *c, double u[2])
     int i;
     for (i = 0; i < 2; i++) {
         if (!swingup_finite(u + i, 1) && c->lost) {
-            u[0] = c->torques[0];
-            u[1] = c->torques[1];
+            swingup_copy(u, c->torques, 2);
             return;
         }
         if (!swingup_finite(u + i, 1)) {

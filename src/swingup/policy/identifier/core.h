@@ -55,9 +55,7 @@ static inline void swingup_share(swingup_identifier *c)
     const double delivered = swingup_more(c->unknowns[SWINGUP_GAIN], 0.0);
     const double asks = SWINGUP_PASSIVE_LIMIT > 0.0 ? 1.0 / swingup_more(delivered, SWINGUP_LEAST_GAIN) : 0.0;
     int i;
-    for (i = 0; i < 9; i++) {
-        c->residual_base[i] = c->base[i];
-    }
+    swingup_copy(c->residual_base, c->base, 9);
     for (i = 0; i < 4; i++) {
         const int driven = i % 2 == SWINGUP_DRIVEN;
         c->commanded_friction[i] = swingup_more(c->base[4 + i], 0.0) * (driven ? 1.0 : asks);
@@ -93,20 +91,14 @@ static inline void swingup_compensate(const swingup_identifier *c, const double 
 static inline void swingup_begin(swingup_identifier *c)
 {
     static const swingup_identifier fresh = {0};
-    int i, j;
+    int i;
     *c = fresh;
+    swingup_copy(c->unknowns, swingup_mean, SWINGUP_UNKNOWNS);
     for (i = 0; i < SWINGUP_UNKNOWNS; i++) {
-        c->unknowns[i] = swingup_mean[i];
-        for (j = 0; j < SWINGUP_UNKNOWNS; j++) {
-            c->covariance[i][j] = swingup_prior[i][j];
-        }
+        swingup_copy(c->covariance[i], swingup_prior[i], SWINGUP_UNKNOWNS);
     }
-    for (i = 0; i < 2; i++) {
-        c->variance[i] = swingup_first_variance[i];
-    }
-    for (i = 0; i < 9; i++) {
-        c->base[i] = swingup_mean[i];
-    }
+    swingup_copy(c->variance, swingup_first_variance, 2);
+    swingup_copy(c->base, swingup_mean, 9);
     for (i = 0; i < SWINGUP_COMMANDS; i++) {
         c->steps[i] = SWINGUP_DT;
     }
@@ -272,15 +264,15 @@ static inline void swingup_update(swingup_identifier *c, int joint, double step)
         size += fabs(row[i]) * fabs(c->unknowns[i]);
     }
     lowest = least + (SWINGUP_RELATIVE_FLOOR * size) * (SWINGUP_RELATIVE_FLOOR * size);
-    r = c->variance[joint] > lowest ? c->variance[joint] : lowest;
+    r = swingup_more(c->variance[joint], lowest);
     distance = error * error / (predictive_variance + r);
     held = distance > SWINGUP_GATE_SQUARED ? SWINGUP_GATE_HOLD : c->held[joint] - step;
     w = (SWINGUP_STUDENT + distance) / (SWINGUP_STUDENT + 1.0);
-    heavy = r * swingup_more(1.0, SWINGUP_CORRELATION / step) * (w > 1.0 ? w : 1.0);
+    heavy = r * swingup_more(1.0, SWINGUP_CORRELATION / step) * swingup_more(w, 1.0);
     /* A spoilt angle must not blind the identifier for seconds. */
     seen = distance * r < most ? distance * r : most;
     c->variance[joint] += -expm1(-step / (seen > c->variance[joint] ? SWINGUP_RISE_TIME : SWINGUP_FALL_TIME)) * (seen - c->variance[joint]);
-    c->held[joint] = held > 0.0 ? held : 0.0;
+    c->held[joint] = swingup_more(held, 0.0);
     for (i = 0; i < SWINGUP_UNKNOWNS; i++) {
         const double gain = held > 0.0 ? 0.0 : uncertain[i] / (predictive_variance + heavy);
         c->unknowns[i] += gain * error;
@@ -420,10 +412,7 @@ static inline void swingup_identify(swingup_identifier *c, const double x[4], in
         c->angles[0][i] = c->calls == 0 ? x[i] : newest;
     }
     step = c->calls == 0 ? SWINGUP_DT : step;
-    for (k = SWINGUP_COMMANDS - 1; k > 0; k--) {
-        c->steps[k] = c->steps[k - 1];
-    }
-    c->steps[0] = step;
+    swingup_push(c->steps, SWINGUP_COMMANDS, step);
     age = swingup_weigh_ages(c);
     delay_steps = delay_steps > age ? delay_steps : age;
     /* The lag counts from the delay: their sum is what was found. The old rows belong to the old delay. */
@@ -446,15 +435,13 @@ static inline void swingup_identify(swingup_identifier *c, const double x[4], in
 }
 
 /* Note the torques that both motors were asked for, the driven one within its limit (N m). */
-static inline void swingup_note(swingup_identifier *c, double driven, double passive)
+static inline void swingup_note(swingup_identifier *c, const double u[2])
 {
     int k;
     for (k = SWINGUP_COMMANDS - 1; k > 0; k--) {
-        c->torques[k][0] = c->torques[k - 1][0];
-        c->torques[k][1] = c->torques[k - 1][1];
+        swingup_copy(c->torques[k], c->torques[k - 1], 2);
     }
-    c->torques[0][SWINGUP_DRIVEN] = driven;
-    c->torques[0][1 - SWINGUP_DRIVEN] = passive;
+    swingup_copy(c->torques[0], u, 2);
 }
 #endif
 

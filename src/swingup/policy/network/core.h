@@ -1,5 +1,5 @@
 /*
- * The network; core.py has its equations.
+ * The network; layers.py and stages.py have its equations.
  */
 #ifndef SWINGUP_NETWORK_H
 #define SWINGUP_NETWORK_H
