@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 
 import numpy as np
 
@@ -169,19 +170,12 @@ def identifier_data(loop: Identifier) -> Data:
 
 def regulator_data(loop: Regulator) -> Data:
     """The regulator's costs and bounds, and the cost-to-go of the policy's plant."""
-    settings = loop.settings
+    names = "COULOMB_DAMPING", "RICCATI_STEP", "RICCATI_STEPS", "DRY_SHARE", "DRY_KNEE"
     return {
-        "COULOMB_DAMPING": regulator.COULOMB_DAMPING,
-        "RICCATI_STEP": regulator.RICCATI_STEP,
-        "RICCATI_STEPS": regulator.RICCATI_STEPS,
+        **{name: getattr(regulator, name) for name in names},
+        **{name.upper(): value for name, value in asdict(loop.settings).items()},
         "TORQUE_WEIGHT": regulator.R,
-        "ENTER": settings.enter,
-        "LEAVE": settings.leave,
-        "ENTER_COULOMB": settings.enter_coulomb,
-        "LEAVE_COULOMB": settings.leave_coulomb,
         "state_weights": np.array(regulator.Q),
-        "DRY_SHARE": regulator.DRY_SHARE,
-        "DRY_KNEE": regulator.DRY_KNEE,
         # Without the row and the column that NumPy's regulator has for the torque.
         "cost_to_go": loop.start[:4, :5],
     }

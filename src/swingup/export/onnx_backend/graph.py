@@ -57,13 +57,13 @@ def _pendulum(graph: "_Graph", stage: PendulumStage, state: str) -> str:
     """Scaled angles and velocities."""
     scale = stage.velocity_scale
     angles, rates = graph.split(state, [2, 2])
-    velocities = graph.add("Div", graph.clip(rates, scale), graph.number(scale))
+    velocities = graph.add("Div", graph.clip(rates, scale), graph.constant(scale))
     if stage.angles == "wrapped":
         # ONNX's Mod of floats has the dividend's sign: the non-negative remainder is written out.
-        turns = graph.add("Floor", graph.add("Div", angles, graph.number(2 * math.pi)))
-        wrapped = graph.add("Sub", angles, graph.add("Mul", turns, graph.number(2 * math.pi)))
-        centred = graph.add("Sub", wrapped, graph.number(math.pi))
-        return graph.add("Concat", graph.add("Div", centred, graph.number(math.pi)), velocities, axis=1)
+        turns = graph.add("Floor", graph.add("Div", angles, graph.constant(2 * math.pi)))
+        wrapped = graph.add("Sub", angles, graph.add("Mul", turns, graph.constant(2 * math.pi)))
+        centred = graph.add("Sub", wrapped, graph.constant(math.pi))
+        return graph.add("Concat", graph.add("Div", centred, graph.constant(math.pi)), velocities, axis=1)
     mixed = graph.add("Concat", graph.add("Sin", angles), graph.add("Cos", angles), velocities, axis=1)
     order = graph.constant(np.array([0, 2, 1, 3, 4, 5]))  # sine and cosine of q1, then those of q2
     return graph.add("Gather", mixed, order, axis=1)
@@ -99,16 +99,13 @@ class _Graph:
         self._nodes.append(self._helper.make_node(kind, list(inputs), names, **attributes))
         return names[0]
 
-    def constant(self, values: np.ndarray) -> str:
+    def constant(self, values: np.ndarray | float) -> str:
         name = f"constant_{len(self._constants)}"
-        self._constants.append(self._numpy_helper.from_array(np.ascontiguousarray(values), name))
+        self._constants.append(self._numpy_helper.from_array(np.array(values, order="C"), name))
         return name
 
-    def number(self, value: float) -> str:
-        return self.constant(np.array(value, np.float64))
-
     def clip(self, values: str, limit: float) -> str:
-        return self.add("Clip", values, self.number(-limit), self.number(limit))
+        return self.add("Clip", values, self.constant(-limit), self.constant(limit))
 
     def cast(self, values: str, kind: int) -> str:
         return self.add("Cast", values, to=kind)

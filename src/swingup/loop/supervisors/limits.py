@@ -5,7 +5,7 @@ from typing import Annotated
 import equinox as eqx
 import jax.numpy as jnp
 
-from ...common.types import Flag, Scalar, State, Torque
+from ...common.types import Flag, Scalar, State
 from ...plant.units import VELOCITY
 from .supervisor import AbstractSupervisor, Intervention
 
@@ -39,9 +39,4 @@ class Stop(AbstractSupervisor[Flag]):
         """Brake from the first state beyond the limits on."""
         # For good: a robot that has stopped does not start by itself.
         stopped = memory | self.limits.exceeded(x)
-        return stopped, Intervention(stopped, brake(x), jnp.zeros_like(x[:2]), stopped)
-
-
-def brake(x: State) -> Torque:
-    """Torques (N m) against the measured velocities."""
-    return -BRAKE * x[2:]
+        return stopped, Intervention(stopped, -BRAKE * x[2:], jnp.zeros_like(x[:2]), stopped)

@@ -6,7 +6,7 @@ wrapped, its error sum and its last error continue from throw to throw, and its 
 
 import functools
 from dataclasses import replace
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import equinox as eqx
 import jax
@@ -65,14 +65,7 @@ def start_pid(dtype: jnp.dtype) -> PID:
     return PID(jnp.zeros((), int), jnp.zeros(2, dtype), jnp.zeros(2, dtype))
 
 
-class ThrowMemory(NamedTuple):
-    """What is remembered from step to step."""
-
-    pid: PID
-    step: Count
-
-
-class Throws(AbstractSupervisor[ThrowMemory]):
+class Throws(AbstractSupervisor[tuple[PID, Count]]):
     """When the pendulum is thrown, where to, and the PID that does it."""
 
     number: Int[Array | np.ndarray, "steps"]
@@ -83,19 +76,20 @@ class Throws(AbstractSupervisor[ThrowMemory]):
     model: Plant
     """The model with which the PID compensates gravity."""
 
-    def start(self, dtype: jnp.dtype) -> ThrowMemory:
-        """Before the first step."""
-        return ThrowMemory(start_pid(dtype), jnp.zeros((), int))
+    def start(self, dtype: jnp.dtype) -> tuple[PID, Count]:
+        """The PID and the number of the first step."""
+        return start_pid(dtype), jnp.zeros((), int)
 
-    def __call__(self, memory: ThrowMemory, t: Scalar, x: State) -> tuple[ThrowMemory, Intervention]:
+    def __call__(self, memory: tuple[PID, Count], t: Scalar, x: State) -> tuple[tuple[PID, Count], Intervention]:
         """The PID drives both joints during a throw."""
+        before, step = memory
         # By the step and not by the time: the benchmark's clock is a sum, whose rounding the plan contains.
-        number = jnp.asarray(self.number)[memory.step]
+        number = jnp.asarray(self.number)[step]
         thrown, none = number >= 0, no_intervention(x.dtype)
-        pid, torque = throwing_torque(self.thrower, self.model, memory.pid, jnp.asarray(self.target)[number], x)
+        pid, torque = throwing_torque(self.thrower, self.model, before, jnp.asarray(self.target)[number], x)
         # Between throws the PID rests: its error sum runs on from throw to throw.
-        pid = jax.tree.map(lambda new, old: jnp.where(thrown, new, old), pid, memory.pid)
-        return ThrowMemory(pid, memory.step + 1), replace(none, takes=thrown, torque=torque)
+        pid = jax.tree.map(lambda new, old: jnp.where(thrown, new, old), pid, before)
+        return (pid, step + 1), replace(none, takes=thrown, torque=torque)
 
 
 def throwing_torque(
