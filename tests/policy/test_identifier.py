@@ -22,7 +22,6 @@ from swingup.policy.estimator.settings import EstimatorSettings
 from swingup.policy.identifier import core
 from swingup.policy.identifier import settings as chosen
 from swingup.policy.identifier.compensation import Load, compensation
-from swingup.policy.identifier.rows import hat_weights
 from swingup.policy.identifier.settings import GAIN, LAG, IdentifierSettings, offsets
 from swingup.policy.identifier.state import IdentifierState, make_loop
 from swingup.policy.numpy_backend.controller import numpy_controller
@@ -103,8 +102,8 @@ def test_it_finds_the_plant():
     loop, state, found, unknowns, _ = moved(OTHER)
     assert errors(unknowns[0]).max() > 0.1
     check_found(unknowns[-1])
-    np.testing.assert_allclose(found.plant[:5], lump(OTHER)[:5], rtol=0.02)
-    assert found.friction.coulomb[0] == pytest.approx(OTHER.cf1, abs=0.002)
+    np.testing.assert_allclose(found.model.plant[:5], lump(OTHER)[:5], rtol=0.02)
+    assert found.model.friction.coulomb[0] == pytest.approx(OTHER.cf1, abs=0.002)
     deviation = np.sqrt(np.diagonal(state.covariance) / np.diagonal(loop.covariance))
     assert (deviation >= 0).all()
     assert deviation[:4].max() < 0.25
@@ -155,7 +154,7 @@ def test_what_is_learned_is_finite_or_nothing():
 def test_hat():
     # Newest first: the hat's peak is 3 s ago, its area 1, its height 2/8.
     steps = np.array([1.0, 2.0, 4.0, 1.0])
-    mean, slope = hat_weights(np, steps, np.array([0.0, 1.0, 3.0, 7.0, 8.0]), 3.0, 8.0)
+    mean, slope = core.hat_weights(np, steps, np.array([0.0, 1.0, 3.0, 7.0, 8.0]), 3.0, 8.0)
     assert mean.sum() == pytest.approx(1)
     assert mean[0] == pytest.approx(0.5 * 1 * 0.25 / 3)
     assert slope.sum() == pytest.approx(0)
@@ -179,7 +178,7 @@ def test_negative_friction_is_found_and_not_predicted_with():
     state.unknowns[4:8] = -0.1, 0.1, 0.2, -0.2
     told = core.found(NUMPY, loop, state)
     np.testing.assert_allclose(told.theta[4:8], [-0.1, 0.1, 0.2, -0.2], rtol=1e-6)
-    np.testing.assert_allclose(told.friction, [[0.0, 0.1], [0.2, 0.0]], rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(told.model.friction, [[0.0, 0.1], [0.2, 0.0]], rtol=1e-6, atol=1e-12)
 
 
 def spoilt(step, q):
@@ -321,7 +320,7 @@ def test_it_finds_springs_and_constant_torques(either_robot):
     np.testing.assert_allclose(found.commanded_load.constant, load.constant, rtol=0, atol=0.01)
     # About hanging a spring at the shoulder looks like a little more of gravity.
     np.testing.assert_allclose(found.commanded_load.spring, load.spring, rtol=0, atol=0.02)
-    left = found.load.at(1.0, 1.0)
+    left = found.model.load.at(1.0, 1.0)
     assert left[either_robot.joint] == sum(pair[either_robot.joint] for pair in found.commanded_load)
     assert left[1 - either_robot.joint] == pytest.approx(0.0, abs=1e-12)
 
@@ -332,7 +331,7 @@ def test_it_finds_the_gain_of_the_undriven_joints_motor(either_robot, gain):
     passive, (_, (_, state, found, *_)) = 1 - either_robot.joint, finding(either_robot, 0.3, gain=gain)
     assert state.unknowns[GAIN] == pytest.approx(gain, abs=0.05)
     assert found.theta[6 + passive] == pytest.approx(0.3, abs=0.015)
-    told, remaining = found.residual_base, found.friction
+    told, remaining = found.residual_base, found.model.friction
     assert told[6 + passive] == pytest.approx(0.0 if gain else 0.3, abs=0.02)
     assert told[7 - passive] == pytest.approx(0.0, abs=1e-12)
     assert remaining.coulomb[passive] == pytest.approx(told[6 + passive], abs=1e-12)

@@ -63,12 +63,7 @@ class RealAIGymController:
     """
 
     def __init__(self, controller: LoopController[Any], name: str = "swingup") -> None:
-        """Wrap a controller.
-
-        Args:
-            controller: a policy's (``runtime.load_controller``), or another's (``swingup.loop_controller``).
-            name: what ``save`` writes as its name.
-        """
+        """Wrap a policy's controller (``runtime.load_controller``) or another's (``swingup.loop_controller``)."""
         self.disturbance_intervals: list[Any] = []
         """Intervals in which the run is disturbed on purpose: none."""
         self._controller, self._dt = controller, 0.002
@@ -83,7 +78,6 @@ class RealAIGymController:
             # The time between calls (s), for callers that give no time.
             self._dt = policy.period or self._dt
         self.filter = Filter()
-        """What filters measurements, with its histories."""
         self.reset()
         self.init()
 
@@ -150,13 +144,10 @@ class RealAIGymController:
     save_ = save
 
     def set_filter(self, filter: Any = None) -> None:
-        """Filter measurements from now on, after ``reset()`` as well.
+        """Filter measurements from now on, after ``reset()`` as well; a state estimator needs no filter.
 
-        A policy behind a state estimator needs no filter.
-
-        Args:
-            filter: an object with ``get_filtered_state(x, u)``, as RealAIGym's, or a function of (x, u): the
-                measurement and the last torques; None for no filter.
+        A filter is an object with ``get_filtered_state(x, u)``, as RealAIGym's, or a function of the measurement x
+        and the last torques u; None for none.
         """
         self.filter = Filter(filter)
 

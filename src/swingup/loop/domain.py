@@ -90,7 +90,6 @@ class Domain:
     """The name or the file that ``load_domain`` read. Not compared, so that equal ranges compile once."""
 
     def __post_init__(self) -> None:
-        """Refuse plants that cannot move."""
         for corner in self.corners():
             validated(corner)
 
@@ -167,7 +166,6 @@ class Domain:
         return dataclasses.replace(self.nominal.plant, name=self.plant.name)
 
     def __str__(self) -> str:
-        """Its name and its ranges."""
         return f"{self.name} {self.as_dict()}"
 
     def as_dict(self) -> dict[str, Any]:
@@ -219,10 +217,7 @@ def make_domain(content: Mapping[str, Any], name: str = "DOMAIN.yml", folder: st
 
 
 def load_domain(source: str | Path) -> Domain:
-    """A domain by its name, or from a YAML file of ``name: value`` and ``name: [low, high]``.
-
-    Args:
-        source: a domain that the package ships, a file of ranges or of a plant's facts, or a shipped plant's name.
+    """A domain by its name or a shipped plant's, or from a YAML file of ``name: value`` and ``name: [low, high]``.
 
     Raises:
         SwingupError: there is no such domain, the file cannot be read, or its content makes none.
@@ -240,7 +235,6 @@ def load_domain(source: str | Path) -> Domain:
 
 
 def _range(name: str, value: Any) -> tuple[float, float]:
-    """The lowest and the highest value of an entry."""
     one_of("name", name, (*NAMES, TORQUE_LIMIT, *VALUES))
     ends = value if isinstance(value, list | tuple) else [value, value]
     numbers = [number for number in map(_number, ends) if number is not None]

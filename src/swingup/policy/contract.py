@@ -77,17 +77,9 @@ class LoopController(Generic[TorquesT]):
     def __init__(
         self, inner: TorquesT, robot: Robot, limits: tuple[float, float], guard: GuardSettings | None = None
     ) -> None:
-        """Prepare for a loop.
-
-        Args:
-            inner: what computes the torques.
-            robot: which joint is driven.
-            limits: torque limits of shoulder and elbow (N m).
-            guard: the safety guard's settings; None for none.
-        """
+        """Take what computes the torques, and the torque limits of shoulder and elbow (N m)."""
         self.inner, self.robot, self.torque_limits = inner, robot, limits
         self.guard = None if guard is None else Guard(guard, robot.joint, limits)
-        """What watches the loop."""
         self._limits = np.array(limits)
         self._own, self._acted = np.zeros(2), -math.inf
 
@@ -109,20 +101,12 @@ class LoopController(Generic[TorquesT]):
             self.guard.reset()
 
     def __call__(
-        self,
-        x: np.ndarray,
-        t: float,
-        measured: np.ndarray | None = None,
-        added: np.ndarray | None = None,
+        self, x: np.ndarray, t: float, measured: np.ndarray | None = None, added: np.ndarray | None = None
     ) -> np.ndarray:
         """The torques [u1, u2] (N m), float64, for the state x (4,) (rad, rad/s) at time t (s).
 
-        Args:
-            x: the state.
-            t: time.
-            measured: what a filter made x of (4,), if one did: the guard looks at it.
-            added: torques (2,) of the caller's (N m), such as a friction compensation of its own. The sum is
-                limited.
+        The guard looks at what was ``measured`` (4,), if a filter made x of it. Torques (2,) of the caller's (N m),
+        such as a friction compensation of its own, are ``added`` before the sum is limited.
 
         Raises:
             SwingupError: x is not four numbers.

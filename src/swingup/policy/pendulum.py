@@ -39,18 +39,14 @@ class PendulumPolicy:
     plant: Plant
     """The plant that it was made for."""
     estimator: EstimatorSettings | None = None
-    """Settings of the estimator in the file; None for the policy alone."""
     guard: GuardSettings | None = None
-    """Settings of the safety guard in the file; None for none."""
     identifier: IdentifierSettings | None = None
-    """Settings of the identifier of the estimator's plant in the file; None for the plant of the file."""
+    """Finds the estimator's plant; without one it is the plant of the file."""
     regulator: RegulatorSettings | None = None
-    """Settings of the regulator in the file, which takes over near the top; None for none."""
+    """Takes over near the top."""
     metadata: Mapping[str, Any] = field(default_factory=dict)
-    """The file's."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot go together."""
         if self.identifier is not None:
             if self.estimator is None:
                 raise SwingupError("identifier without an estimator: add estimator, {} for its defaults")

@@ -33,7 +33,6 @@ class Entry:
     """The folder's controller behind one interface."""
 
     def __init__(self, path: Path, simulated: bool) -> None:
-        """Import the folder's file and find its controller."""
         self.time, self._printed = 0.0, io.StringIO()
         sys.path.insert(0, str(path.parent))
         module = importlib.import_module(path.stem)

@@ -37,18 +37,18 @@ seen, the undriven joint's within its limit; both torques are NaN if the state s
 
 import math
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...plant import equations
-from ...plant.damped import Friction, damped_midpoint_step
-from ...plant.equations import Lumped, Number, Pair, friction, lump
+from ...plant.damped import damped_midpoint_step
+from ...plant.equations import Number, Pair, friction, lump
 from ...plant.maths import Maths
 from ...plant.plant import Plant
 from ...plant.units import C1, TIME, arm_scales, scaled, similar_plant
 from ..identifier import core as identifier
-from ..identifier.compensation import Load
+from ..identifier.compensation import Model
 from ..identifier.core import Found
 from ..identifier.settings import LONGEST_STEP, IdentifierSettings
 from ..identifier.state import Array, IdentifierState
@@ -68,9 +68,6 @@ DELAY_PENALTY = 20.0
 """c: log likelihood that a delay must gain for each step that it is longer."""
 EVIDENCE_TIME = 5.0
 """T: time in which evidence on the delay fades (s)."""
-
-Model: TypeAlias = tuple[Lumped, Friction | None, Load | None]
-"""A plant to predict with, its friction if it has any, and the load on its joints if there is any."""
 
 
 class Loop(NamedTuple):
@@ -104,7 +101,7 @@ def make_loop(
     s = replace(scaled(settings, own), **times)
     if finding is not None:
         identifies = identifier_loop(plant, joint, s.dt, s.max_delay_steps, scaled(finding, own))
-    delays, model = np.arange(s.max_delay_steps + 1.0), (lump(plant), plant.friction, None)
+    delays, model = np.arange(s.max_delay_steps + 1.0), Model(lump(plant), plant.friction, None)
     gains = tuple(kalman_gains(s).ravel().tolist())
     return Loop(s, joint, model, delays, gains, identifies, scales.time)
 
@@ -170,7 +167,7 @@ def observe(
     sample = maths.where(finite, x, state.sample)
     between, age, passed = dt, 0, 0.0
     if found is not None and state.identified is not None:
-        x, model = x - maths.vector([*found.offsets, 0.0, 0.0]), (found.plant, found.friction, found.load)
+        x, model = x - maths.vector([*found.offsets, 0.0, 0.0]), found.model
         between, age = identifier.interval(maths, state.identified, dt), state.identified.age
         passed = identifier.elapsed(maths, state.identified, dt)
     followed = _follow(maths, loop, state, x, lost, between, model, age)
@@ -300,4 +297,4 @@ def response(maths: Maths, loop: Loop, model: Model, x: Array) -> Array:
     """M⁻¹ times the torque of 1 N m on the driven joint (2,) (rad/s²)."""
     driven = (1.0, 0.0) if loop.joint == 0 else (0.0, 1.0)
     _, cos2 = maths.sine_cosine(maths.numbers(x)[1])
-    return maths.vector(equations.response(model[0], cos2, driven))
+    return maths.vector(equations.response(model.plant, cos2, driven))

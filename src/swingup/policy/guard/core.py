@@ -45,7 +45,6 @@ class Guard:
     def reset(self) -> None:
         """Let the controller act again; nothing seen yet."""
         self.fault: Fault | None = None
-        """Why the controller was stopped; None while it acts."""
         self._time = -math.inf
         self._step = self.settings.dt
         self._sample = (0.0, 0.0, 0.0, 0.0)

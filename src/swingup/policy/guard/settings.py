@@ -67,7 +67,6 @@ class Fault(NamedTuple):
     """The angle (rad), the velocity (rad/s) or the time (s) that was beyond its limit, or what was not finite."""
 
     def __str__(self) -> str:
-        """One sentence with the numbers."""
         joint = f"{('shoulder', 'elbow')[self.joint]}, " if self.joint >= 0 else ""
         unit = _UNITS.get(self.reason, "")
         return f"{SENTENCES[self.reason]} ({joint}{self.value:.6g}{unit}, at t = {self.time:.6g} s)"

@@ -8,7 +8,7 @@ This motor's torque therefore belongs to the plant.
 from typing import Any, NamedTuple
 
 from ...plant.damped import Friction
-from ...plant.equations import Number, Pair
+from ...plant.equations import Lumped, Number, Pair
 
 LEAST_GAIN = 0.6
 """The undriven joint's motor is asked for as much as if it delivered at least this share."""
@@ -25,6 +25,14 @@ class Load(NamedTuple):
     def at(self, q1: Any, q2: Any) -> Pair:
         """The torques (N m) at angles (rad)."""
         return self.constant[0] + self.spring[0] * q1, self.constant[1] + self.spring[1] * q2
+
+
+class Model(NamedTuple):
+    """A plant to predict with, its friction if it has any, and the load on its joints if there is any."""
+
+    plant: Lumped
+    friction: Friction | None
+    load: Load | None
 
 
 class Compensation(NamedTuple):

@@ -36,18 +36,19 @@ not used at all: their noise costs nothing. Sources: filtered regression, Slotin
 Control 15, 1970).
 """
 
+import functools
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...plant.base_parameters import BASE, feasible_fraction, friction_of, lumped
 from ...plant.damped import Friction
-from ...plant.equations import Lumped, Number, Pair
+from ...plant.equations import Number, Pair
 from ...plant.maths import Maths
+from ...plant.momentum import momentum_rows
 from . import settings as chosen
-from .compensation import Load, compensation
-from .rows import columns
+from .compensation import Load, Model, compensation
 from .settings import LAG, LOADS, POLES, UNKNOWNS
 from .state import Array, IdentifierState, Loop
 
@@ -60,16 +61,13 @@ class Found(NamedTuple):
 
     theta: tuple[Number, ...]
     """Base parameters of a pendulum: those found, or as near to them as the mass matrix allows."""
-    plant: Lumped
-    """The identified plant to predict with: its mass matrix is positive definite."""
-    friction: Friction
-    """Its friction, never negative; the undriven joint's is what the compensation leaves of it."""
+    model: Model
+    """The plant to predict with, whose mass matrix is positive definite. Friction is never negative; the undriven
+    joint's, and its load, are what the compensation leaves of them."""
     commanded_friction: Friction
     """Friction whose counterpart the motors are commanded."""
     commanded_load: Load | None
     """Load that the motors are commanded to carry; None where no load is expected."""
-    load: Load | None
-    """Load to predict with."""
     residual_base: tuple[Number, ...]
     """θ for policy and regulator: with the friction that the compensation leaves."""
     offsets: Pair
@@ -181,16 +179,14 @@ def found(maths: Maths, loop: Loop, state: IdentifierState) -> Found:
     theta = tuple(n + share * (one - n) for one, n in zip(x[:BASE], nominal, strict=True))
     known = x[chosen.GAIN], loop.joint, loop.passive_limit, maths.maximum
     commanded, residual, predicted = compensation(friction_of(theta), *known)
-    commanded_load, load = None, None
+    commanded_load = load = None
     if len(x) > UNKNOWNS:
         commanded_load, _, load = compensation(Load(x[UNKNOWNS : UNKNOWNS + 2], x[UNKNOWNS + 2 :]), *known)
     return Found(
         theta=theta,
-        plant=lumped(theta, loop.geometry),
-        friction=predicted,
+        model=Model(lumped(theta, loop.geometry), predicted, load),
         commanded_friction=commanded,
         commanded_load=commanded_load,
-        load=load,
         residual_base=(*theta[:4], *residual.damping, *residual.coulomb, theta[8]),
         offsets=chosen.offsets(x[chosen.TILT1], x[chosen.TILT2], theta, maths.clip),
     )
@@ -221,7 +217,7 @@ def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
     steps = maths.window(state.steps, state.age, len(state.angles) - 1)
     # The loop's own period: a call that comes late now and then must not change the low-passes or the rows.
     step = maths.number(steps.min())
-    stages, weight = [columns(maths, loop, state, steps, step)], -maths.expm1(-chosen.BANDWIDTH * step)
+    stages, weight = [_rows(maths, loop, state, steps, step)], -maths.expm1(-chosen.BANDWIDTH * step)
     for stage in state.filtered:
         stages.append(stage + weight * (stages[-1] - stage))
     state = state._replace(filtered=tuple(stages[1:]))
@@ -234,6 +230,47 @@ def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
     drift = chosen.DRIFT**2 * step * prior_variance * (covariance.diagonal() < prior_variance)
     diagonal = maths.xp.asarray(EYE[: len(covariance), : len(covariance)], covariance.dtype) * drift
     return state._replace(covariance=covariance + diagonal)
+
+
+def _rows(maths: Maths, loop: Loop, state: IdentifierState, steps: Array, step: Number) -> Array:
+    """The newest rows (2, 14) before the low-passes: Y, u̇, -v, u, of the last steps (s); ``step`` is the period."""
+    joint, most = loop.joint, chosen.span(loop.period)
+    ages = maths.xp.concatenate([maths.xp.zeros(1, steps.dtype), maths.xp.cumsum(steps)])
+    # A slower loop than the nominal one fills the time of a row with fewer steps.
+    span = maths.place(maths.clip(most * loop.period / step, 1, most))
+    oldest, middle, newest = (maths.numbers(state.angles[place]) for place in (2 * span, span, 0))
+    # The torques of a row begin as old as its angles or older: what acted then was asked for before.
+    acting = maths.window(state.torques, state.delay_steps, 2 * most)
+    peak, whole = (maths.number(ages[place]) for place in (span, 2 * span))
+    # ρ of the nominal plant (``plant/momentum.py``): with the unknowns' own the rows would not be linear.
+    ratio = maths.xp.asarray(loop.mean[2] / loop.mean[3], steps.dtype)[()]
+    shoulder, elbow = momentum_rows(oldest, middle, newest, (whole - peak, peak), loop.geometry, ratio, maths)
+    mean, slope = hat_weights(maths.xp, steps, ages, peak, whole)
+    torques, rates = maths.numbers(mean.dot(acting)), maths.numbers(slope.dot(acting))
+    # A zero of this kind of number, since JAX stacks the rows.
+    none = 0.0 * torques[joint]
+    of_one = functools.partial(_with, (none, none))
+    # What both joints' rows have of each unknown, in the unknowns' order; last the right side.
+    table = [
+        *zip(shoulder, elbow, strict=True),
+        of_one(joint, rates[joint]),
+        of_one(1 - joint, -torques[1 - joint]),
+    ]
+    if len(loop.mean) > UNKNOWNS:
+        table += [of_one(0, none + 1.0), of_one(1, none + 1.0), of_one(0, middle[0]), of_one(1, middle[1])]
+    first, second = zip(*table, of_one(joint, torques[joint]), strict=True)
+    return maths.vector([*first, *second]).reshape(2, len(loop.mean) + 1)
+
+
+def hat_weights(xp: Any, steps: Array, ages: Array, newer: Number, whole: Number) -> tuple[Array, Array]:
+    """Weights (n,) of the last n torques, newest first: for the hat's mean, and for its mean rate (1/s).
+
+    The torque is held over each step, and the hat is integrated over it. Durations of the steps (s) come newest
+    first; ages (n + 1,) are the times from their ends to the newest. The hat's peak is as old as ``newer``, its
+    beginning as ``whole``, which are two of the ages. Older torques have no weight.
+    """
+    hat = xp.maximum(xp.minimum(ages / newer, (whole - ages) / (whole - newer)), 0.0) / (0.5 * whole)
+    return 0.5 * (hat[1:] + hat[:-1]) * steps, hat[1:] - hat[:-1]
 
 
 def _update(

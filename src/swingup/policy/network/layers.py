@@ -47,9 +47,7 @@ class Network:
     choices: tuple[int, ...] | None = None
     """Number of alternatives of each discrete action; None if actions are continuous."""
     activation: Activation = RELU
-    """After each hidden layer."""
     bounds: Bounds = TANH
-    """Of continuous actions."""
 
     def __post_init__(self) -> None:
         """Follow one observation through the stages and the layers."""

@@ -45,7 +45,6 @@ class PendulumStage:
     """s: velocities are clipped to ± this first (rad/s)."""
 
     def __post_init__(self) -> None:
-        """Refuse an unknown encoding."""
         one_of("angle encoding", self.angles, ANGLES)
 
     def size(self, before: int = 4) -> int:
@@ -73,7 +72,7 @@ class NormaliseStage:
     epsilon: Annotated[float, Range(1e-30, LARGEST_NUMBER)] = 1e-8
 
     def size(self, before: int) -> int:
-        """Length of the result, that of the observation."""
+        """Length of the result and of the observation."""
         if not self.mean.shape == self.variance.shape == (before,):
             shapes = f"{self.mean.shape} and {self.variance.shape}"
             raise SwingupError(f"mean and variance have shapes {shapes}, the observation {(before,)}")
