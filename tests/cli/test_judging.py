@@ -11,7 +11,7 @@ from swingup import BOARDS, SwingupError, load_plant
 from swingup.benchmark.columns import COLUMNS
 from swingup.benchmark.leaderboard import Row, Table, published_rows
 from swingup.cli import judging, main
-from swingup.cli.tables import TABLE_FORMATS, show_tables
+from swingup.cli.results import TABLE_FORMATS, show_tables
 from swingup.controllers.stack.controller import save_controller
 from swingup.plant.robots import ROBOTS
 

@@ -121,7 +121,7 @@ SMALL = make_domain({"plant": "C.1", "cf1": [0.1, 0.2], "m1": [0.5, 0.55], "dela
 
 
 def test_the_command_writes_what_it_checked(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(pendulums, "find_prior", lambda *given: SMALL)
+    monkeypatch.setattr(pendulums, "prior_around", lambda plant: SMALL)
     out = tmp_path / "excitation.csv"
     assert main(["excite", "--joint", "shoulder", "--duration", "3", "--speed", "9", "--out", str(out)]) == 0
     assert "checked on" in capsys.readouterr().out

@@ -39,16 +39,16 @@ def main(arguments: list[str] | None = None) -> int:
             os._exit(INTERRUPTED)  # XLA's threads, which know no signals, can crash an orderly exit
         return INTERRUPTED
     except SwingupError as error:
-        return _refuse(str(error))
+        return _refuse(error)
     except OSError as error:
         reason = error.strerror or str(error)
         if error.filename is not None:
-            return _refuse(
-                str(SwingupError(f"cannot use {error.filename}: {reason}; choose another name or folder"))
-            )
-        _drop_output()
-        # The reader has gone, as in `swingup ... | head`.
-        return 1 if isinstance(error, BrokenPipeError) else _refuse(f"cannot write standard output: {reason}")
+            return _refuse(SwingupError(f"cannot use {error.filename}: {reason}; choose another name or folder"))
+        if sys.stdout is not None:  # the interpreter flushes it when it exits, which would fail again
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):  # the reader has gone, as in `swingup ... | head`
+            return 1
+        return _refuse(SwingupError(f"cannot write standard output: {reason}"))
 
 
 def _run(arguments: list[str]) -> int:
@@ -62,15 +62,9 @@ def _run(arguments: list[str]) -> int:
         return int(stopped.code or 0)
 
 
-def _refuse(message: str) -> int:
-    print(f"swingup: error: {message}", file=sys.stderr)
+def _refuse(error: SwingupError) -> int:
+    print(f"swingup: error: {error}", file=sys.stderr)
     return ERROR
-
-
-def _drop_output() -> None:
-    """The interpreter flushes standard output when it exits, which would fail again."""
-    if sys.stdout is not None:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _accept_any_text() -> None:

@@ -1,27 +1,20 @@
 """Arguments that several commands share."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypedDict
 
-from tyro.conf import Positional, arg
+from tyro.conf import arg
 
-from ..benchmark.disturbances import DisturbanceSettings
-from ..benchmark.rules import PushRules
 from ..common.checks import one_of
 from ..common.errors import SwingupError
 from ..common.files import check_suffix, check_writable
-from ..common.text import one_line, quoted
-from ..controllers.registry import BUILT_IN, has_estimator
-from ..controllers.stack.controller import PolicyController
-from ..controllers.stack.regulator import RegulatingController
-from ..plant.plant import LEADERBOARD, MODEL_FILES, PARAMETER_FILES, PLANT_FILES, SHIPPED_PLANTS, Plant, load_plant
-from ..plant.robots import ROBOTS, Robot, get_robot
-from ..plant.units import torque_over_gravity
+from ..plant.plant import LEADERBOARD, PLANT_FILES, SHIPPED_PLANTS, Plant, load_plant
+from ..plant.robots import Robot, get_robot
 from .parsing import value_of
 
 
-def optional(metavar: str | None = None, text: str | None = None) -> Any:
+def optional(text: str, metavar: str | None = None) -> Any:
     """An option that may be left out, without tyro's "(default: None)": the text says what then happens."""
     return arg(metavar=metavar, help=text, help_behavior_hint="")
 
@@ -38,53 +31,19 @@ def split_commas(*values: str) -> tuple[str, ...]:
     )
 
 
-def _robots(name: str) -> Sequence[Robot]:
-    return EVERY_ROBOT if name == "all" else (get_robot(name),)
-
-
-EVERY_ROBOT = tuple(ROBOTS.values())
 NAMES = value_of(split_commas, "NAME...", "*")
-ROBOT = value_of(get_robot, "ROBOT")
-EACH = arg(help="acrobot, pendubot or all.", help_behavior_hint="(default: all)")
-RobotName = Positional[Annotated[Robot, ROBOT, arg(help="acrobot or pendubot.")]]
-RobotOrNone = Positional[Annotated[Robot | None, ROBOT, arg(help="acrobot or pendubot.")]]
-RobotOrAll = Positional[Annotated[Sequence[Robot], value_of(_robots, "ROBOT"), EACH]]
-OptionalRobot = Annotated[Robot | None, ROBOT]
-"""An option, where a log or a file may say it."""
-OptionalFile = Annotated[str | None, arg(metavar="FILE")]
-OptionalDomain = Annotated[str | None, arg(metavar="DOMAIN")]
-ControllerName = Annotated[
-    str, arg(metavar="NAME", help=f"{', '.join(BUILT_IN)}, a policy file (.safetensors), or module:object.")
-]
-ControllerNames = Annotated[
-    tuple[str, ...], NAMES, arg(help="controllers of yours: policy files or module:object.")
-]
+RobotName = Annotated[Robot, value_of(get_robot, "ROBOT")]
+FileName = Annotated[str, value_of(str, "FILE")]
+DomainName = Annotated[str, value_of(str, "DOMAIN")]
 Names = Annotated[tuple[str, ...], NAMES]
 PLANTS = f"{', '.join(SHIPPED_PLANTS)}, {PLANT_FILES}"
-PlantOutputs = Annotated[tuple[str, ...], NAMES, arg(metavar="FILE...")]
-
-
-class DisturbanceOptions(TypedDict, total=False):
-    """Disturbances of a swing-up; none without an option."""
-
-    velocity_noise: Annotated[float, optional(text="standard deviation of the measured velocities' noise (rad/s).")]
-    torque_noise: Annotated[float, optional(text="standard deviation of the torque's noise (N m).")]
-    torque_response: Annotated[float, optional(text="motor response; 1 is a perfect motor.")]
-    delay: Annotated[float, optional(text="age of what the controller measures (s).")]
-    pushes: Annotated[bool, optional(text="push the driven joint three times, as the robustness board does.")]
-
-
-class EstimatorOptions(TypedDict, total=False):
-    """Whether a state estimator stands before the controller; by default where the policy file has one."""
-
-    estimator: Annotated[bool, optional(text="put a state estimator before the controller, or judge it without.")]
 
 
 class PlantOptions(TypedDict, total=False):
     """Which plant; by default the leaderboards', design C.1 without friction and rotors' inertia."""
 
-    plant: Annotated[str, optional("PLANT", f"{PLANTS}; default: the leaderboards' plant, C.1 without friction.")]
-    frictionless: Annotated[bool, optional(text="leave the plant's friction and rotors' inertia out.")]
+    plant: Annotated[str, optional(f"{PLANTS}; default: the leaderboards' plant, C.1 without friction.", "PLANT")]
+    frictionless: Annotated[bool, optional("leave the plant's friction and rotors' inertia out.")]
 
 
 NO_OPTIONS: Any = {}
@@ -101,53 +60,12 @@ def plant_of(options: PlantOptions) -> Plant:
     return found.frictionless() if options.get("frictionless") else found
 
 
-PLANT_FORMATS = (*PARAMETER_FILES, *MODEL_FILES)
-
-
 def check_outputs(formats: Sequence[str], *paths: str | None) -> None:
     """Refuse files that cannot be written, before the work that makes their content; None is not a file."""
     for path in paths:
         if path is not None:
             check_suffix(path, formats)
             check_writable(path)
-
-
-def named_values(option: str, words: Iterable[str], example: str) -> dict[str, float]:
-    """NAME=VALUE words of an option as a map."""
-    found: dict[str, float] = {}
-    for word in words:
-        name, equals, value = word.rpartition("=")
-        try:
-            number = float(value)
-        except ValueError:
-            equals = ""
-        if not equals or not name:
-            raise SwingupError(f"{option} {quoted(word)}: write NAME=VALUE, as in {example}")
-        if name in found:
-            raise SwingupError(f"{option} gives {one_line(name, 60)} twice: give it once")
-        found[name] = number
-    return found
-
-
-def disturbance_of(options: DisturbanceOptions) -> DisturbanceSettings | None:
-    """What the options disturb; None without any."""
-    given: dict[str, Any] = {**options, "pushes": PushRules() if options.get("pushes") else None}
-    return DisturbanceSettings(**given) if options else None
-
-
-def plant_note(plant: Plant, robot: str) -> str:
-    """What a result's headline says of its plant; nothing of the leaderboards'."""
-    if plant == LEADERBOARD:
-        return ""
-    return f", plant {plant}, torque/gravity {torque_over_gravity(plant.driven(robot)):.2f}"
-
-
-def judged_name(name: str, controller: object) -> str:
-    """A controller's name, with a note on what was judged: with an estimator or without, or a policy alone."""
-    if isinstance(controller, RegulatingController):
-        return f"{name}, without estimator"
-    alone = ", policy alone" if isinstance(controller, PolicyController) else ""
-    return name + (", with estimator" if has_estimator(controller) else alone)
 
 
 def task_name(robot: Robot | None, env: str | None) -> str:

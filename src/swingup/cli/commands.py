@@ -3,13 +3,12 @@
 from collections.abc import Sequence
 
 from .demonstrating import demo_command
-from .exporting import export_command
+from .exporting import export_command, rehearse_command
 from .judging import evaluate_command, leaderboard_command, score_command
 from .parsing import Command, parse
-from .pendulums import excite_command, identify_command, plant_command
-from .plotting import compare_command, plot_command
+from .pendulums import compare_command, excite_command, identify_command, plant_command
+from .plotting import plot_command
 from .refining import refine_command
-from .rehearsing import rehearse_command
 from .sweeping import sweep_command
 from .training import train_command
 
@@ -42,5 +41,5 @@ COMMANDS: dict[str, Command] = {
 
 
 def run_command(arguments: Sequence[str]) -> int:
-    """Parse the arguments and run the command."""
-    return parse(COMMANDS, arguments, DESCRIPTION)()
+    """Parse the arguments and run the command; its exit status."""
+    return parse(COMMANDS, arguments, DESCRIPTION)() or 0

@@ -4,7 +4,6 @@ import itertools
 import shlex
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 from ..benchmark.leaderboard import paper_score
@@ -20,56 +19,25 @@ from ..policy.shipped import load_policy
 from ..report.make import trained_section
 from ..report.page import page_template, render_page
 from .arguments import RobotName
-from .output import tell
+from .output import Progress, tell
 from .parsing import program_typed
-from .progress import Progress
 from .results import comparison_lines
 from .training import start_training, train_shown
 
-ACROBOT = ROBOTS["acrobot"]
-PRESET = "fast"
 FIRST = "first.safetensors"
 """The policy of the first report, which shows on the page what training changed."""
-PAGE = "page.html"
 TRAINED, BEGINNER = "your policy", "your policy at first"
 
 
-@dataclass
-class Watch:
-    """Watches a run: keeps its first policy, and notes when its score passed the paper's."""
-
-    run: Run
-    paper: float
-    start: float
-    """When the command started, by ``time.monotonic``."""
-    passed: float | None = None
-    """Seconds from the command to the score."""
-
-    def note(self, report: TrainingReport) -> str:
-        """The paper's score, and the time at which the run passed it."""
-        first = self.run.folder / FIRST
-        if not first.exists():
-            result = {"score": report.rows[0]["score"], "frames": report.frames}
-            self.run.save_policy(first, 0, self.run.policies()[0], result)
-        if self.passed is None and (report.best_score or 0.0) >= self.paper:
-            self.passed = time.monotonic() - self.start
-        when = "" if self.passed is None else f" at {self.passed:.0f} s"
-        return f"paper's {self.paper:.3f}{when}"
-
-
 def demo_command(
-    robot: RobotName = ACROBOT,
-    /,
-    seed: int = 0,
-    frames: int | None = None,
-    out: str | None = None,
+    robot: RobotName = ROBOTS["acrobot"], /, seed: int = 0, frames: int | None = None, out: str | None = None
 ) -> int:
     """Train a policy, show its progress, score it beside known controllers, and write a page of its swing-up.
 
     The training is that of train --preset fast, which has more options and continues an interrupted run.
 
     Args:
-        robot: the robot.
+        robot: acrobot or pendubot.
         seed: seed of the training.
         frames: frames to train for; default: the preset's.
         out: folder of the run, which does not exist yet; default runs/demo-ROBOT, with a number where that exists.
@@ -77,14 +45,25 @@ def demo_command(
     start = time.monotonic()
     page_template()  # before the training: without its libraries there is no page
     folder, paper = _new_folder(robot, out), paper_score(robot)
-    run = start_training(robot.name, frames, str(folder), preset=PRESET, seed=seed)
+    run = start_training(robot.name, frames, str(folder), preset="fast", seed=seed)
     tell(
         f"AR-EAPO learns to swing up the {robot.name} from nothing, by trial and error.",
         f"A score of 1 is perfect, 0 is no swing-up; the paper's policy has {paper:.3f}.",
     )
     sys.stdout.flush()  # before the progress, which goes to the other stream
-    watch = Watch(run, paper, start)
-    return train_shown(run, watch.note) or _show_result(robot, run, watch, start)
+    passed: float | None = None
+
+    def note(report: TrainingReport) -> str:
+        """The paper's score, and the time at which the run passed it; the first report's policy is kept."""
+        nonlocal passed
+        if not (folder / FIRST).exists():
+            result = {"score": report.rows[0]["score"], "frames": report.frames}
+            run.save_policy(folder / FIRST, 0, run.policies()[0], result)
+        if passed is None and (report.best_score or 0.0) >= paper:
+            passed = time.monotonic() - start
+        return f"paper's {paper:.3f}" + ("" if passed is None else f" at {passed:.0f} s")
+
+    return train_shown(run, note) or _show_result(robot, run, passed, start)
 
 
 def _new_folder(robot: Robot, out: str | None) -> Path:
@@ -98,9 +77,9 @@ def _new_folder(robot: Robot, out: str | None) -> Path:
     return next(folder for folder in itertools.chain([base], numbered) if not folder.exists())
 
 
-def _show_result(robot: Robot, run: Run, watch: Watch, start: float) -> int:
+def _show_result(robot: Robot, run: Run, passed: float | None, start: float) -> int:
     """Score the best policy, write the page, and name commands to go on with."""
-    policy, page = run.folder / BEST, run.folder / PAGE
+    policy, page = run.folder / BEST, run.folder / "page.html"
     files = {TRAINED: policy, BEGINNER: run.folder / FIRST}
     policies = {name: policy_alone(load_policy(file, robot)) for name, file in files.items()}
     with Progress() as progress:
@@ -108,8 +87,8 @@ def _show_result(robot: Robot, run: Run, watch: Watch, start: float) -> int:
     title = f"{robot.name.capitalize()}: your policy after {run.frames / 1e6:.3g} million frames"
     write_atomically(page, render_page([section], title).encode())
     verdict = "The best score stayed below the paper's: try more --frames, or another --seed."
-    if watch.passed is not None:
-        verdict = f"Training passed the paper's score after {watch.passed:.0f} s."
+    if passed is not None:
+        verdict = f"Training passed the paper's score after {passed:.0f} s."
     program, (other,) = program_typed(), {*ROBOTS} - {robot.name}
     tell(
         "",

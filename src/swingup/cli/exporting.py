@@ -1,13 +1,16 @@
-"""The command ``export``: a policy for other programs, or the swing-up that a baseline follows."""
+"""The commands ``export`` and ``rehearse``: controllers for other programs, and their rehearsal in a simulation."""
 
 import dataclasses
 from collections.abc import Mapping
+from functools import partial
 from typing import Annotated, Any
 
-from tyro.conf import Positional, arg
+from tyro.conf import arg
 
+from ..benchmark.boards import SIM2REAL, swing_up_board
 from ..benchmark.seeds import check_seeds
-from ..common.checks import one_of
+from ..benchmark.trajectory_file import save_trajectory
+from ..common.checks import one_of, positive_number
 from ..common.errors import SwingupError
 from ..common.files import check_writable, write_atomically
 from ..common.text import command_line
@@ -24,33 +27,31 @@ from ..policy.guard.settings import GUARD, GuardSettings, choose_guard
 from ..policy.pendulum import PendulumPolicy
 from ..policy.plant_facts import write_plant
 from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_policy
-from .arguments import NO_OPTIONS, OptionalRobot, PlantOptions, plant_of, word_of
-from .output import tell
+from ..rehearsal.process import CALLING_TIME
+from ..rehearsal.rehearse import rehearse
+from ..rehearsal.result import Rehearsal, spread
+from .arguments import NO_OPTIONS, DomainName, FileName, PlantOptions, RobotName, plant_of, word_of
+from .output import Progress, tell, tell_json
+from .results import aligned, result_lines
 
 TRAJECTORY = "trajectory"
 FORMS = (*FOLDERS, "onnx", "c", TRAJECTORY)
 FOLLOWED = {"tvlqr": "published", "ilqr-riccati": "published", "ilqr-mpc": "published", "tvlqr-score": "score"}
 """The problem whose swing-up a baseline follows."""
 
-Policy = Positional[
-    Annotated[
-        str,
-        arg(
-            metavar="POLICY",
-            help=f"{', '.join(SHIPPED_POLICIES)}, a policy file (.safetensors), or for trajectory a baseline: "
-            f"{', '.join(FOLLOWED)}.",
-        ),
-    ]
-]
+POLICIES = (
+    f"{', '.join(SHIPPED_POLICIES)}, a policy file (.safetensors), or for trajectory a baseline: "
+    f"{', '.join(FOLLOWED)}."
+)
 
 
 def export_command(
-    policy: Policy = DEFAULT,
+    policy: Annotated[str, arg(metavar="POLICY", help=POLICIES)] = DEFAULT,
     /,
     *,
     to: Annotated[str, word_of("format", *FORMS)],
     out: Annotated[str, arg(metavar="PATH")],
-    robot: OptionalRobot = None,
+    robot: RobotName | None = None,
     username: str = "swingup",
     name: str = NAME,
     guard: bool = True,
@@ -58,7 +59,7 @@ def export_command(
     braking: float | None = None,
     plant: PlantOptions = NO_OPTIONS,
     seed: int | None = None,
-) -> int:
+) -> None:
     """Write a policy for RealAIGym, CloudPendulum, ONNX Runtime or C, or the swing-up that a baseline follows.
 
     Baselines have no policy file; RealAIGymController runs them.
@@ -84,7 +85,8 @@ def export_command(
         seed: compute the trajectory, shipped or not, from first torques of this seed.
     """
     if to == TRAJECTORY:
-        return _export_trajectory(policy, robot, out, plant, seed)
+        _export_trajectory(policy, robot, out, plant, seed)
+        return
     if seed is not None:
         raise SwingupError("--seed goes with --to trajectory: leave it out")
     if policy in BASELINES:
@@ -98,17 +100,16 @@ def export_command(
     if to in FOLDERS:
         notes = cloudpendulum_notes(found) if to == "cloudpendulum" else []
         tell(str(export_folder(found, out, to, name, username)), *notes)
-        return 0
+        return
     write_atomically(out, onnx_model(found) if to == "onnx" else c_header(found, name).encode())
     tell(out)
     if to == "onnx":
         left_out = [part for part in found.parts if part != GUARD]
         missing = f"{', '.join(left_out)} and a safety guard" if left_out else "a safety guard"
         tell(f"this is the network for the plant {found.plant.name} alone, without {missing}")
-    return 0
 
 
-def _export_trajectory(name: str, robot: Robot | None, out: str, plant: PlantOptions, seed: int | None) -> int:
+def _export_trajectory(name: str, robot: Robot | None, out: str, plant: PlantOptions, seed: int | None) -> None:
     """Write the swing-up that a baseline follows: the shipped one, or one that iterative LQR computes."""
     problem = FOLLOWED[one_of("baseline that follows a swing-up", name, FOLLOWED)]
     if robot is None:
@@ -130,19 +131,85 @@ def _export_trajectory(name: str, robot: Robot | None, out: str, plant: PlantOpt
     else:
         save_reference(out, reference, provenance)
     tell(out, *(f"{name:<20}{value}" for name, value in (provenance | on.summary(robot)).items()))
-    return 0
 
 
 def _guard(
     policy: PendulumPolicy, to: str, wanted: bool, changes: Mapping[str, float | None]
 ) -> GuardSettings | None:
     """The policy file's guard, or that of the robot that a form is for, with what the user changed of it."""
-    own = policy.guard
-    if own is None and to == "cloudpendulum":
-        own = cloudpendulum_guard(policy.period)
+    own = policy.guard or (cloudpendulum_guard(policy.period) if to == "cloudpendulum" else None)
     guard = None if to == "onnx" else choose_guard(wanted, own, policy.period)
     given: dict[str, Any] = {name: value for name, value in changes.items() if value is not None}
     if given and guard is None:
         flag = next(iter(given)).replace("_", "-")
         raise SwingupError(f"--{flag} is a setting of the safety guard: leave --no-guard out; onnx has no guard")
     return guard and dataclasses.replace(guard, **given)
+
+
+def rehearse_command(
+    folder: Annotated[str, arg(metavar="FOLDER")],
+    /,
+    plant: Annotated[str | None, arg(metavar="PLANT")] = None,
+    domain: DomainName | None = None,
+    robot: RobotName | None = None,
+    board: str = SIM2REAL.name,
+    duration: float | None = None,
+    seed: int = 0,
+    seeds: int | None = None,
+    real_time: bool = False,
+    timeout: float = CALLING_TIME,
+    json: bool = False,
+    save: FileName | None = None,
+) -> None:
+    """Run an exported folder in processes of its own, against simulated robots, before the real one.
+
+    The folder is one of swingup export --to realaigym or cloudpendulum, and is called as there. A folder that
+    cannot be imported, crashes, hangs, prints, or gives no two finite torques ends it in one line and status 2.
+
+    Args:
+        folder: the folder, or its con_NAME.py or controller_NAME.py.
+        plant: a plant's name or its file, with the loop that the file has.
+        domain: the loop, and the plant if none is given: a domain's name or file, or none for a perfect loop;
+            default: that of the board sim2real, recorded.
+        robot: acrobot or pendubot, where the folder does not say it.
+        board: how the runs are scored: sim2real, performance, hardware or hardware-perturbed.
+        duration: length of a run (s); default: that of the board, 10 s.
+        seed: first seed of plants, loops and noise, as of evaluate.
+        seeds: seeds in a row; by default 10, or 1 in real time or in a perfect loop.
+        real_time: one step every 2 ms, with periods and missed deadlines measured.
+        timeout: longest time of a call (s).
+        json: print one JSON object.
+        save: also write the first run's trajectory to this CSV file.
+    """
+    scored = swing_up_board(board)
+    longest = positive_number("timeout", timeout, 600.0, "s")
+    if save is not None:
+        check_writable(save)
+    with Progress() as bar:
+        progress = partial(bar, "runs")
+        found = rehearse(folder, plant, domain, robot, scored, duration, seeds, seed, real_time, longest, progress)
+    if save is not None and found.result.trajectory is not None:
+        save_trajectory(save, found.result.trajectory)
+    tell_json(found.as_dict()) if json else tell(*rehearsal_lines(found))
+
+
+def rehearsal_lines(found: Rehearsal) -> list[str]:
+    """How the runs went, what the guard did, and what was measured of the calls."""
+    stopped, runs = sum(stop is not None for stop in found.stops), len(found.stops)
+    guard = "none" if not found.facts["guard"] else f"stopped {stopped} of {runs}" if stopped else "quiet"
+    limits = "" if found.limits is None else "limits {:.4g} rad, {:.4g} rad/s".format(*found.limits)
+    rows = [("Call [ms]", spread(found.calls)), ("Period [ms]", spread(found.periods) if found.real_time else {})]
+    calls, late = f"of {len(found.calls)} calls", f"The simulation itself was late {found.late} times"
+    return [
+        *result_lines(found.result, f"{found.folder.entry.name}, {found.folder.form}"),
+        aligned("Guard", guard, limits),
+        *(aligned(title, *_spread(row)) for title, row in rows if row),
+        *([aligned("Missed deadlines", str(found.missed), calls)] if found.real_time else []),
+        *([f"  {late}: close other programs and repeat."] if found.late else []),
+        *([] if found.difference is None else [f"  {found.difference}"]),
+    ]
+
+
+def _spread(row: Mapping[str, float]) -> tuple[str, str]:
+    """The median of times in ms, and further of their quantiles."""
+    return f"{1e3 * row['p50']:.3f}", f"99 % {1e3 * row['p99']:.3f}, longest {1e3 * row['longest']:.3f}"

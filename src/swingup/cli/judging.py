@@ -4,16 +4,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypedDict
 
-from tyro.conf import Positional, arg
+from tyro.conf import arg
 
 from ..benchmark.board import AbstractBoard
 from ..benchmark.boards import BOARDS, get_board
+from ..benchmark.disturbances import DisturbanceSettings
 from ..benchmark.grid import change_grid
 from ..benchmark.judge import judge, make_setting
 from ..benchmark.leaderboard import DEFAULT_BOARDS, leaderboard
 from ..benchmark.robustness_board import RobustnessBoard
+from ..benchmark.rules import PushRules
 from ..benchmark.score import score
 from ..benchmark.trajectory_file import load_trajectory, save_trajectory
 from ..common.errors import SwingupError
@@ -21,41 +23,46 @@ from ..common.files import check_writable, write_atomically
 from ..common.text import command_line
 from ..controllers.interface.call_time import call_time, slow_call
 from ..controllers.interface.check import check_controller
-from ..controllers.registry import designs_for, get_controller
+from ..controllers.registry import BUILT_IN, designs_for, get_controller
 from ..loop.loop import LOOP_DT
 from ..plant.plant import Plant
-from ..plant.robots import Robot
+from ..plant.robots import ROBOTS, Robot, get_robot
 from ..policy.shipped import DEFAULT
 from ..report.make import make_section
 from ..report.page import render_page
-from . import tables
-from .arguments import (
-    EVERY_ROBOT,
-    NO_OPTIONS,
-    ROBOT,
-    ControllerName,
-    ControllerNames,
-    DisturbanceOptions,
-    EstimatorOptions,
-    Names,
-    OptionalDomain,
-    OptionalFile,
-    PlantOptions,
-    RobotName,
-    RobotOrAll,
-    disturbance_of,
-    judged_name,
-    plant_of,
-)
-from .output import foreign_prints_apart, tell, tell_json
-from .progress import Progress
-from .results import result_lines
+from .arguments import NO_OPTIONS, DomainName, FileName, Names, PlantOptions, RobotName, optional, plant_of
+from .output import Progress, foreign_prints_apart, tell, tell_json
+from .parsing import value_of
+from .results import TABLE_FORMATS, judged_name, result_lines, show_tables
 
+EVERY_ROBOT = tuple(ROBOTS.values())
 SCORING = ", ".join(name for name, each in BOARDS.items() if each.keeps_rows)
+
+RobotOrAll = Annotated[
+    Sequence[Robot],
+    value_of(lambda name: EVERY_ROBOT if name == "all" else (get_robot(name),), "ROBOT"),
+    arg(help_behavior_hint="(default: all)"),
+]
+ControllerName = Annotated[
+    str, arg(metavar="NAME", help=f"{', '.join(BUILT_IN)}, a policy file (.safetensors), or module:object.")
+]
 ScoringBoard = Annotated[str, arg(metavar="BOARD", help=f"{SCORING}.")]
 
-EXIT_FINDINGS = 1
-"""Exit status of a check that found something."""
+
+class DisturbanceOptions(TypedDict, total=False):
+    """Disturbances of a swing-up; none without an option."""
+
+    velocity_noise: Annotated[float, optional("standard deviation of the measured velocities' noise (rad/s).")]
+    torque_noise: Annotated[float, optional("standard deviation of the torque's noise (N m).")]
+    torque_response: Annotated[float, optional("motor response; 1 is a perfect motor.")]
+    delay: Annotated[float, optional("age of what the controller measures (s).")]
+    pushes: Annotated[bool, optional("push the driven joint three times, as the robustness board does.")]
+
+
+class EstimatorOptions(TypedDict, total=False):
+    """Whether a state estimator stands before the controller; by default where the policy file has one."""
+
+    estimator: Annotated[bool, optional("put a state estimator before the controller, or judge it without.")]
 
 
 def evaluate_command(
@@ -66,19 +73,19 @@ def evaluate_command(
     check: bool = False,
     estimator: EstimatorOptions = NO_OPTIONS,
     plant: PlantOptions = NO_OPTIONS,
-    domain: OptionalDomain = None,
+    domain: DomainName | None = None,
     seed: int = 0,
     seeds: int | None = None,
     criteria: Names = (),
     grid: Names = (),
     json: bool = False,
-    save: OptionalFile = None,
+    save: FileName | None = None,
     disturbance: DisturbanceOptions = NO_OPTIONS,
 ) -> int:
     """Judge a controller on one board or several: simulate its runs and score them.
 
     Args:
-        robot: the robot.
+        robot: acrobot or pendubot.
         controller: the controller.
         board: performance (one swing-up; hardware and hardware-perturbed have the real robot's normalisers),
             robustness (722 simulations), uptime (a minute with 15 throws), sim2real (100 swing-ups in a loop
@@ -105,7 +112,9 @@ def evaluate_command(
         return _check(controller, robot, wanted, plant_of(plant))
     # By its name, since a file may have ranges for the boards that draw plants.
     on = plant_of(plant) if plant.get("frictionless") else plant.get("plant")
-    loop: Any = {"plant": on, "domain": domain, "disturbance": disturbance_of(disturbance)}
+    given: Any = {**disturbance, "pushes": PushRules() if disturbance.get("pushes") else None}
+    disturbed = DisturbanceSettings(**given) if disturbance else None
+    loop: Any = {"plant": on, "domain": domain, "disturbance": disturbed}
     boards, results = _boards(board, criteria, grid), []
     if save is not None:
         if len(boards) > 1 or not boards[0].keeps_rows:
@@ -135,14 +144,14 @@ def evaluate_command(
 
 
 def _check(name: str, robot: Robot, estimator: bool | None, plant: Plant) -> int:
-    """Print a controller's faults, and whether it is too slow for its loop."""
+    """Print a controller's faults, and whether it is too slow for its loop; the exit status is 1 with a fault."""
     with foreign_prints_apart():
         found = get_controller(name, robot, estimator, designs_for(name, plant))
         findings = check_controller(found, robot, float(plant.limit(robot.joint)))
         slow = None if findings else slow_call(call_time(found, LOOP_DT), LOOP_DT)
     lines = [*(findings or ["nothing wrong was found"]), *([] if slow is None else [f"warning: {slow}"])]
     tell(*(f"{judged_name(name, found)}: {each}" for each in lines))
-    return EXIT_FINDINGS if findings else 0
+    return 1 if findings else 0
 
 
 def _boards(names: Sequence[str], criteria: Sequence[str] = (), grid: Sequence[str] = ()) -> list[AbstractBoard]:
@@ -163,7 +172,7 @@ def _boards(names: Sequence[str], criteria: Sequence[str] = (), grid: Sequence[s
 def leaderboard_command(
     robot: RobotOrAll = EVERY_ROBOT,
     /,
-    controller: ControllerNames = (),
+    controller: Names = (),
     board: Names = DEFAULT_BOARDS,
     plant: PlantOptions = NO_OPTIONS,
     seed: int = 0,
@@ -171,13 +180,13 @@ def leaderboard_command(
     json: bool = False,
     csv: bool = False,
     markdown: bool = False,
-    page: OptionalFile = None,
-) -> int:
+    page: FileName | None = None,
+) -> None:
     """Print the tables of boards: the shipped controllers, judged now, beside the published rows.
 
     Args:
-        robot: the robot.
-        controller: controllers of yours that enter as well.
+        robot: acrobot, pendubot or all.
+        controller: controllers of yours: policy files or module:object.
         board: boards, as of evaluate.
         plant: what all are judged on, without published rows, and what baselines are designed for.
         seed: seed of noise, pushes, throws, plants and loops.
@@ -208,23 +217,22 @@ def leaderboard_command(
             write_atomically(page, render_page(sections).encode())
     if asked:
         # Not tell(), which would escape the line ends of the table.
-        print(tables.TABLE_FORMATS[asked[0]](made))
+        print(TABLE_FORMATS[asked[0]](made))
     else:
-        tables.show_tables(made)
+        show_tables(made)
         tell(*([] if page is None else [f"wrote {page} ({Path(page).stat().st_size / 1e6:.1f} MB)"]))
-    return 0
 
 
 def score_command(
-    trajectory: Positional[Annotated[str, arg(metavar="TRAJECTORY")]],
+    trajectory: Annotated[str, arg(metavar="TRAJECTORY")],
     /,
-    robot: Annotated[Robot, ROBOT],
+    robot: RobotName,
     board: ScoringBoard = "performance",
     plant: PlantOptions = NO_OPTIONS,
     columns: Names = (),
     force: bool = False,
     json: bool = False,
-) -> int:
+) -> None:
     """Score a trajectory file in RealAIGym's CSV format, from this program, another or a real robot.
 
     A recording that cannot be the physics of its pendulum gets an error and no score; warnings do not change it.
@@ -242,8 +250,4 @@ def score_command(
     rows, name = load_trajectory(trajectory, columns), Path(trajectory).stem
     on = plant_of(plant) if plant else None
     result = score(rows, robot, board, name=name, plant=on, force=force)
-    if json:
-        tell_json(result.as_dict(), indent=1)
-    else:
-        tell(*result_lines(result, name))
-    return 0
+    tell_json(result.as_dict(), indent=1) if json else tell(*result_lines(result, name))

@@ -1,8 +1,9 @@
-"""What commands print: lines that are safe for a terminal, one JSON object, and tables."""
+"""What commands print: lines that are safe for a terminal, JSON and tables; and progress, on standard error."""
 
 import contextlib
 import json
 import sys
+import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,12 +11,16 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
 from rich.measure import Measurement
-from rich.table import Table
+from rich.progress import BarColumn, TextColumn
+from rich.progress import Progress as Bar
+from rich.table import Column, Table
 
-from ..common.text import printable
+from ..common.text import duration, printable
 
 WIDEST = 1000
 """No table needs more columns of text than this."""
+SECONDS_BETWEEN_LINES = 10.0
+"""Where there is no terminal for a bar."""
 
 
 def tell(*lines: str) -> None:
@@ -42,11 +47,9 @@ def tell_table(
     """
     table = Table(title=title or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for column, heading in enumerate(headings):
-        if column < texts:
-            table.add_column(heading, no_wrap=True)
-        else:
-            longest = max((len(row[column]) for row in rows), default=0)
-            table.add_column(heading, justify="right", no_wrap=True, min_width=longest)
+        number = column >= texts
+        longest = max((len(row[column]) for row in rows), default=0) if number else None
+        table.add_column(heading, justify="right" if number else "left", no_wrap=True, min_width=longest)
     for index, row in enumerate(rows):
         table.add_row(*(escape(printable(cell)) for cell in row), style="bold" if index in bold else "")
     console = Console()
@@ -61,6 +64,50 @@ def foreign_prints_apart() -> contextlib.AbstractContextManager[object]:
     return contextlib.redirect_stdout(sys.stderr)
 
 
-def aligned(title: str, value: str, extra: str = "") -> str:
-    """One row of a result: its title, its value, and a remark in brackets."""
-    return f"  {title:<26}{value:>12}{f'   ({extra})' if extra else ''}"
+class Progress:
+    """Shows a stage of a command, how much of it is finished, the time left, and figures."""
+
+    def __init__(self) -> None:
+        """Nothing is shown before the first stage."""
+        self._console = Console(stderr=True)
+        column = Column(no_wrap=True, overflow="ellipsis")
+        self._bar = Bar(
+            BarColumn(bar_width=8, table_column=Column(width=8)),
+            TextColumn("{task.description}", markup=False, table_column=column),
+            console=self._console,
+            transient=True,
+            redirect_stdout=False,
+            redirect_stderr=False,
+            disable=not self._console.is_terminal,
+        )
+        self._task = self._bar.add_task("", total=None, visible=False)
+        self._stage, self._begun, self._first = "", 0.0, 0
+        self._shown = time.monotonic()
+
+    def __enter__(self) -> "Progress":
+        """Show the bar."""
+        self._bar.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Remove the bar."""
+        self._bar.stop()
+
+    def __call__(self, stage: str, done: int, total: int, figures: str = "") -> None:
+        """Say where a stage stands; the last line of a stage with figures stays."""
+        now = time.monotonic()
+        if stage != self._stage:
+            self._stage, self._begun, self._first = stage, now, done
+        left = ""
+        if done > self._first:
+            left = f", {duration((now - self._begun) * (total - done) / (done - self._first))} left"
+        line = f"{stage}: {done:,} of {total:,}{left}  {figures}".rstrip()
+        self._bar.update(self._task, total=total, completed=done, description=printable(line), visible=True)
+        due = now - self._shown >= SECONDS_BETWEEN_LINES and not self._console.is_terminal
+        if due or (figures and done >= total):
+            self._shown = now
+            self.log(line)
+
+    def log(self, line: str) -> None:
+        """Print a line that stays."""
+        self._console.print(printable(line), soft_wrap=True, highlight=False, markup=False)

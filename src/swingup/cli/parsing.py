@@ -1,6 +1,5 @@
 """From words to a command that is ready to run: tyro reads them, and bad values end in one line of error."""
 
-import dataclasses
 import functools
 import inspect
 import re
@@ -28,8 +27,9 @@ NUMBERS: dict[Any, str] = {int: "use a whole number", float: "use a number"}
 HELP = {"-h", "--help"}
 SETTINGS = (DisallowNone, OmitArgPrefixes)
 
-Command = Callable[..., int]
-Ready = Callable[[], int]
+Command = Callable[..., int | None]
+"""Returns an exit status; none is success."""
+Ready = Callable[[], int | None]
 
 
 def parse(commands: Mapping[str, Command], words: Sequence[str], description: str) -> Ready:
@@ -88,7 +88,7 @@ def _parse_alone(commands: Mapping[str, Command], words: Sequence[str], descript
     for function in bound.values():
         function.__doc__ = (function.__doc__ or "").partition("\n\n")[0]
     try:
-        ready: Ready = tyro.extras.subcommand_cli_from_dict(
+        return tyro.extras.subcommand_cli_from_dict(
             bound,
             prog=PROGRAM,
             description=description,
@@ -97,11 +97,10 @@ def _parse_alone(commands: Mapping[str, Command], words: Sequence[str], descript
             console_outputs=words[0] in HELP,
         )
     except SystemExit as stopped:
-        if stopped.code:
-            wrong = f"{PROGRAM} has no option {one_line(words[0], 60)} before a command"
-            raise SwingupError(f"{wrong}: see {PROGRAM} --help") from None
-        raise
-    return ready
+        if not stopped.code:
+            raise
+        wrong = f"{PROGRAM} has no option {one_line(words[0], 60)} before a command"
+        raise SwingupError(f"{wrong}: see {PROGRAM} --help") from None
 
 
 def _bound(function: Command) -> Callable[..., Ready]:
@@ -118,22 +117,16 @@ def _bound(function: Command) -> Callable[..., Ready]:
     for name, parameter in signature.parameters.items():
         if parameter.default in (None, ()):  # the text says what then happens, in place of "(default: None)"
             types[name] = Annotated[types[name], arg(help_behavior_hint="")]
-    parameters = [each.replace(annotation=types[name]) for name, each in signature.parameters.items()]
-    vars(bind)["__signature__"] = signature.replace(parameters=parameters)
-    bind.__annotations__ = types
+    vars(bind)["__signature__"], bind.__annotations__ = signature, types
     return bind
 
 
 def _options(function: Command) -> dict[str, Any]:
     """The types of a command's options: its parameters, and the fields of those that are classes of options."""
-    hints: dict[str, Any] = {}
-    plain, annotated = get_type_hints(function), get_type_hints(function, include_extras=True)
+    types, hints = get_type_hints(function), dict[str, Any]()
     for name, parameter in inspect.signature(function).parameters.items():
-        hint = plain[name]
-        # An annotated class, such as a robot, is one value.
-        grouped = hint is annotated[name] and (dataclasses.is_dataclass(hint) or is_typeddict(hint))
         if parameter.kind is not parameter.POSITIONAL_ONLY:
-            hints |= get_type_hints(hint) if grouped else {name: hint}
+            hints |= get_type_hints(types[name]) if is_typeddict(types[name]) else {name: types[name]}
     options = {name.replace("_", "-"): hint for name, hint in hints.items()}
     return {f"--{name}": hint for name, hint in options.items()} | {
         f"--no-{name}": bool for name, hint in options.items() if hint is bool
@@ -157,6 +150,7 @@ def _check_options(program: str, command: Command, words: Sequence[str]) -> None
             continue
         option, equals, value = word.partition("=")
         option = option.replace("_", "-")
+        hint = known.get(option, bool)
         if option not in (*known, "--help"):
             ours = "--" + OTHER_NAMES.get(option[2:].replace("-", "_"), "").replace("_", "-")
             near = suggestion(option, known) or f"; see {program} --help"
@@ -165,14 +159,14 @@ def _check_options(program: str, command: Command, words: Sequence[str]) -> None
             elif option[2:] in inspect.signature(command).parameters:  # a word that needs no option
                 near = ": write its value alone"
             raise SwingupError(f"{program} has no option {one_line(option, 60)}{near}")
-        if equals and known.get(option, bool) is bool:
+        if equals and hint is bool:
             raise SwingupError(f"{option} takes no value: write {option} alone")
         value = value if equals else following
         # An empty value, as of a variable that is not set, would choose the default, or nothing at all.
         lacks = not value.strip(", ") or (not equals and value.startswith("--"))
-        if known.get(option, bool) is not bool and lacks:
+        if hint is not bool and lacks:
             raise SwingupError(f"{option} lacks its value: see {program} --help")
-        _check_number(option, known.get(option), value)
+        _check_number(option, hint, value)
         typed.append(option.replace("--no-", "--"))
     for option, count in Counter(typed).items():
         if count > 1 and option != REPEATABLE:

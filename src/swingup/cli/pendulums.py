@@ -1,40 +1,37 @@
-"""The commands about pendulums: ``plant`` describes one, ``excite`` and ``identify`` find one from its motion."""
+"""The commands about pendulums and their logs: ``plant``, ``excite``, ``identify`` and ``compare``."""
 
 import itertools
 import time
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Annotated
 
-from tyro.conf import Positional, UseAppendAction, arg
+from tyro.conf import UseAppendAction, arg
 
+from ..benchmark.log_comparison import compare
 from ..common.errors import SwingupError
 from ..common.files import check_writable
-from ..identification.excite.excite import Excitation, excite
+from ..common.text import one_line, quoted
+from ..identification.excite.excite import excite
 from ..identification.excite.prior import prior_around
 from ..identification.identify import identify
-from ..loop.domain import Domain, load_domain
-from ..plant.measured import MeasuredPlant, measured_plant
+from ..loop.domain import load_domain
+from ..loop.on_plant import plant_as_domain
+from ..plant.measured import measured_plant
 from ..plant.model_files.bodies import READINGS
-from ..plant.plant import is_model_file, load_plant
+from ..plant.plant import MODEL_FILES, PARAMETER_FILES, is_model_file, load_plant
 from ..plant.robots import ROBOTS
 from ..plant.save import save_plant
 from ..plant.units import torque_over_gravity
-from ..report.log_report import identification_tables, report_identification
+from ..report.log_report import identification_tables, report_comparison, report_identification
 from ..report.page import PAGE_FORMATS, save_log_report
-from .arguments import (
-    PLANT_FORMATS,
-    PLANTS,
-    Names,
-    OptionalDomain,
-    PlantOutputs,
-    check_outputs,
-    named_values,
-    word_of,
-)
-from .output import tell, tell_json, tell_table
-from .progress import Progress
-from .tables import show_parts
+from .arguments import NAMES, PLANTS, DomainName, FileName, Names, RobotName, check_outputs, word_of
+from .output import Progress, foreign_prints_apart, tell, tell_json, tell_table
+from .results import show_parts
 
+PLANT_FORMATS = (*PARAMETER_FILES, *MODEL_FILES)
+PlantOutputs = Annotated[tuple[str, ...], NAMES, arg(metavar="FILE...")]
+Logs = Annotated[tuple[str, ...], arg(metavar="LOG...")]
 ROWS = {
     "m": "mass (kg)",
     "l": "length (m)",
@@ -48,15 +45,13 @@ ROWS = {
 
 
 def plant_command(
-    source: Positional[
-        Annotated[str | None, arg(metavar="PLANT", help=f"{PLANTS}; without it the values say all.")]
-    ] = None,
+    source: Annotated[str | None, arg(metavar="PLANT", help=f"{PLANTS}; without it the values say all.")] = None,
     /,
     set: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME=VALUE...")] = (),
     inertia: Annotated[str | None, word_of("inertia", *READINGS)] = None,
     out: PlantOutputs = (),
     json: bool = False,
-) -> int:
+) -> None:
     """Read a plant from a URDF, an MJCF or measured values, show it, and write it as YAML, URDF or MJCF.
 
     From a ruler and a scale: --set m1=0.5 l1=0.2 m2=0.6 l2=0.3 motor=1 gr=6. Without more, links are rods.
@@ -73,18 +68,12 @@ def plant_command(
     """
     check_outputs(PLANT_FORMATS, *out)
     found = measured_plant(source, named_values("--set", itertools.chain(*set), "m1=0.5"), inertia)
-    for each in sorted(out, key=is_model_file, reverse=True):  # which may not hold every plant
-        save_plant(each, found.plant, ["SI units, inertias about the joints.", *found.notes])
-    if json:
-        tell_json({"plant": found.plant.name, **found.plant.values(), "notes": found.notes})
-    else:
-        _show_plant(found)
-        tell(*(f"wrote {each}: use it with --plant {each}" for each in out))
-    return 0
-
-
-def _show_plant(found: MeasuredPlant) -> None:
     plant = found.plant
+    for each in sorted(out, key=is_model_file, reverse=True):  # which may not hold every plant
+        save_plant(each, plant, ["SI units, inertias about the joints.", *found.notes])
+    if json:
+        tell_json({"plant": plant.name, **plant.values(), "notes": found.notes})
+        return
     numbers = {name: [f"{getattr(plant, f'{name}{link}'):.4g}" for link in (1, 2)] for name in ROWS}
     rows = [[text, f"{name}1, {name}2", *numbers[name]] for name, text in ROWS.items()]
     tell_table(["", "names", "link 1", "link 2"], rows, texts=2, title=str(plant))
@@ -93,7 +82,25 @@ def _show_plant(found: MeasuredPlant) -> None:
         f"rotors Ir = {plant.Ir:.4g} kg m², gear ratio gr = {plant.gr:.4g}, gravity g = {plant.g:.4g} m/s²",
         f"torque over gravity: {ratios}",
         *found.notes,
+        *(f"wrote {each}: use it with --plant {each}" for each in out),
     )
+
+
+def named_values(option: str, words: Iterable[str], example: str) -> dict[str, float]:
+    """NAME=VALUE words of an option as a map."""
+    found: dict[str, float] = {}
+    for word in words:
+        name, equals, value = word.rpartition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            equals = ""
+        if not equals or not name:
+            raise SwingupError(f"{option} {quoted(word)}: write NAME=VALUE, as in {example}")
+        if name in found:
+            raise SwingupError(f"{option} gives {one_line(name, 60)} twice: give it once")
+        found[name] = number
+    return found
 
 
 def excite_command(
@@ -101,7 +108,7 @@ def excite_command(
     plant: Annotated[
         str | None, arg(metavar="PLANT", help=f"the robot, as far as it is known: {PLANTS}; default: C.1.")
     ] = None,
-    domain: OptionalDomain = None,
+    domain: DomainName | None = None,
     joint: Annotated[str, word_of("joint", "both", "shoulder", "elbow")] = "both",
     duration: float = 10.0,
     torque: float | None = None,
@@ -110,7 +117,7 @@ def excite_command(
     alone: bool = False,
     seed: int = 0,
     json: bool = False,
-) -> int:
+) -> None:
     """Write an excitation for identification, within limits that are checked on plants drawn from a prior.
 
     The file has time, motion (pos, vel, acc), torques (tau) and feedback gains (K), 500 rows a second. Play
@@ -130,60 +137,40 @@ def excite_command(
         json: print one JSON object.
     """
     check_writable(out)
-    prior = find_prior(plant, domain)
+    if domain is None:
+        prior = prior_around(load_plant(plant or "C.1"))
+    else:
+        prior = load_domain(domain)
+        prior = prior if plant is None else replace(prior, plant=load_plant(plant))
     found = excite(prior, duration, joint, torque, speed, angle, seed, alone)
     found.save(out)
     if json:
         tell_json({"domain": prior.name, "joint": joint, "seed": seed, **found.as_dict()})
-    else:
-        tell(*excitation_lines(found, prior), f"wrote {out}")
-    return 0
-
-
-def find_prior(plant: str | None, domain: str | None) -> Domain:
-    """What the robot may be: a domain, perhaps around another plant, or ranges around a plant."""
-    if domain is None:
-        return prior_around(load_plant(plant or "C.1"))
-    found = load_domain(domain)
-    return found if plant is None else replace(found, plant=load_plant(plant))
-
-
-def excitation_lines(found: Excitation, prior: Domain) -> list[str]:
-    """What it reaches on all checked plants."""
-    torques = [abs(found.torque[:, joint]).max() for joint in (0, 1)]
-    pairs = zip(torques, found.limits.torque, strict=True)
-    return [
+        return
+    torques = zip(abs(found.torque).max(axis=0), found.limits.torque, strict=True)
+    tell(
         f"{found.time[-1]:.3g} s, checked on {found.plants} plants of {prior.name}",
-        "  largest torque " + ", ".join(f"{u:.3g} of {limit:.3g} N m" for u, limit in pairs),
+        "  largest torque " + ", ".join(f"{u:.3g} of {limit:.3g} N m" for u, limit in torques),
         f"  largest speed {found.speed:.3g} of {found.limits.speed:.3g} rad/s, "
         f"angle {found.angle:.3g} of {found.limits.angle:.3g} rad",
-    ]
-
-
-Logs = Positional[Annotated[tuple[str, ...], arg(metavar="LOG...")]]
-TestLogs = Annotated[tuple[str, ...], arg(metavar="LOG...")]
-KnownValues = Annotated[
-    tuple[str, ...], arg(metavar="NAME=VALUE...", help="values that you know, as m2r2=0.16, Ir=6e-5 or gain=0.85.")
-]
-Sessions = Annotated[
-    tuple[str, ...], arg(metavar="LABEL...", help="a session's label for each log, test logs last.")
-]
+        f"wrote {out}",
+    )
 
 
 def identify_command(
     logs: Logs,
     /,
-    test: TestLogs = (),
+    test: Logs = (),
     start: Annotated[str, arg(metavar="NAME|FILE")] = "C.1",
     out: PlantOutputs = (),
-    known: KnownValues = (),
-    sessions: Sessions = (),
+    known: Annotated[tuple[str, ...], arg(metavar="NAME=VALUE...")] = (),
+    sessions: Annotated[tuple[str, ...], arg(metavar="LABEL...")] = (),
     columns: Names = (),
     force: bool = False,
     seed: int = 0,
     page: Annotated[str | None, arg(metavar="FILE.html")] = None,
     json: bool = False,
-) -> int:
+) -> None:
     """Fit a pendulum's parameters and its loop to logs; takes a minute or less for five logs of 10 s.
 
     Errors are those of held-out motion: the test logs, or without them a part of the logs.
@@ -193,8 +180,8 @@ def identify_command(
         test: logs to report errors on; not fitted.
         start: plant to start from, which knows the lengths: a shipped plant's name or a file.
         out: files for the plant, .yml, .urdf or .xml; its ranges go to FILE-domain.yml beside the first.
-        known: values that you know.
-        sessions: labels, where offsets, torque gain and delay differ between logs.
+        known: values that you know, as m2r2=0.16, Ir=6e-5 or gain=0.85.
+        sessions: a session's label for each log, test logs last.
         columns: names and units of the logs' columns, as time=t:ms q1=theta1:deg u1=current1:A*0.7 q2=b-a, or names
             in order, with _ for a column that is not read.
         force: take logs as they are that look wrong.
@@ -224,4 +211,48 @@ def identify_command(
         if not json:
             command = f"swingup evaluate ROBOT --board sim2real --domain {domain}"
             tell("", f"wrote {', '.join(out)} and {domain}: try a controller with {command}")
-    return 0
+
+
+def compare_command(
+    log: Annotated[str, arg(metavar="LOG")],
+    /,
+    plant: Annotated[tuple[str, ...], arg(metavar="PLANT...", help=f"plants to compare: {PLANTS}.")] = ("C.1",),
+    controller: str | None = None,
+    domain: DomainName | None = None,
+    robot: RobotName | None = None,
+    seed: int | None = None,
+    columns: Names = (),
+    out: FileName | None = None,
+    json: bool = False,
+) -> None:
+    """Compare a log with what plants predict of it, and with a controller's simulated run.
+
+    Errors are those of predictions after 0.1, 0.25, 0.5 and 1 s, and by speed. Where a plant's file has no delay
+    and lag, those that predict the log best are taken.
+
+    Args:
+        log: a recording, as swingup identify reads it.
+        plant: plants to compare.
+        controller: a controller whose run on each plant stands beside the log.
+        domain: loop of the controller's runs: a domain's name or file. Default: a perfect loop, or what the plant's
+            file has.
+        robot: acrobot or pendubot, where the log's torques do not show which one the controller drives.
+        seed: seed of what is drawn from the domain. Default: 0.
+        columns: names and units of the log's columns, as of swingup identify.
+        out: page (.html) or figure (.png, .svg, .pdf) to write.
+        json: print one JSON object.
+    """
+    for option, value in {"--domain": domain, "--robot": robot and robot.name, "--seed": seed}.items():
+        if controller is None and value is not None:
+            raise SwingupError(f"{option} {one_line(value)} goes with a controller's runs: add --controller")
+    check_outputs(PAGE_FORMATS, out)
+    plants = {name: plant_as_domain(name) for name in plant}
+    with foreign_prints_apart():
+        found = compare(log, plants, controller, domain, robot, seed or 0, columns)
+    report = report_comparison(found)
+    if out is not None:
+        save_log_report(report, out)
+    if json:
+        tell_json(found.as_dict())
+    else:
+        show_parts(report.parts, [*report.notes, *([f"wrote {out}"] if out else [])])

@@ -2,7 +2,6 @@
 
 import dataclasses
 import time
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,8 +20,7 @@ from ..controllers.stack.controller import policy_alone
 from ..learner.presets import get_preset
 from ..learner.run import Run
 from ..learner.run_folder import BEST
-from ..learner.run_settings import make_run_settings
-from ..learner.start import resume_run, start_run
+from ..learner.start import resume_run
 from ..loop.domain import Domain, load_domain
 from ..loop.on_plant import drawn_around, loop_around, plant_as_domain
 from ..plant.plant import LEADERBOARD, Plant
@@ -43,20 +41,10 @@ from ..refine.recipe import (
 )
 from ..report.log_report import report_adaptation
 from ..report.page import PAGE_FORMATS, save_log_report
-from .arguments import (
-    NO_OPTIONS,
-    OptionalDomain,
-    OptionalFile,
-    PlantOptions,
-    RobotName,
-    check_outputs,
-    plant_of,
-    word_of,
-)
-from .output import tell
-from .progress import Progress
+from .arguments import NO_OPTIONS, DomainName, FileName, PlantOptions, RobotName, check_outputs, plant_of, word_of
+from .output import Progress, tell
 from .results import result_lines
-from .training import train_shown
+from .training import start_training, train_shown
 
 PRESET = "small"
 """Preset of the base policies: it learns to recover on any pendulum in minutes."""
@@ -75,11 +63,11 @@ def refine_command(
     policy: Annotated[str | None, arg(metavar="POLICY")] = None,
     recipe: Annotated[str, word_of("recipe", *RECIPES)] = RECOVER,
     plant: PlantOptions = NO_OPTIONS,
-    domain: OptionalDomain = None,
+    domain: DomainName | None = None,
     frames: int | None = None,
     seed: int = 0,
     seeds: int = 100,
-    page: OptionalFile = None,
+    page: FileName | None = None,
 ) -> int:
     """Refine a trained policy by gradients through the simulation or by teachers, in minutes to an hour.
 
@@ -89,7 +77,7 @@ def refine_command(
     judged on other draws.
 
     Args:
-        robot: the robot.
+        robot: acrobot or pendubot.
         out: the refined policy's file.
         policy: the policy to start from: a file, or the name of a shipped one; default ar-eapo, for adapt one that
             is trained first, in OUT-base, unless the shipped adaptive succeeds on 98 % of the domain's draws.
@@ -116,8 +104,7 @@ def refine_command(
         if domain is not None and not sees_plant:
             raise SwingupError(f"--domain {domain} is for a policy that sees its plant: give a plant alone")
         drawn = load_domain(domain or RECORDED) if sees_plant else None
-        with Progress() as progress:
-            _refine(given, out, recipe, seed, command, progress, plant=on, domain=drawn)
+        _refine(given, out, recipe, seed, command, plant=on, domain=drawn)
         tell(f"wrote {out}: judge it with {command_line('evaluate', robot.name, controller=out, **plant)}")
         return 0
     begun, (around, file) = time.monotonic(), adapted_domain(plant, domain, out)
@@ -137,9 +124,8 @@ def refine_command(
         return False
 
     if shipped is not None:
-        write_pendulum_policy(
-            out, shipped, {"version": __version__, "command": command, "base": {"policy": ADAPTIVE}}
-        )
+        origin = {"version": __version__, "command": command, "base": {"policy": ADAPTIVE}}
+        write_pendulum_policy(out, shipped, origin)
         choose(f"{ADAPTIVE} as shipped, in this pendulum's units")
     if kept < ENOUGH * seeds:
         base = policy
@@ -148,14 +134,12 @@ def refine_command(
             if stopped := train_shown(run):
                 return stopped
             base = str(run.folder / BEST)
-        with Progress() as progress:
-            _refine(load_policy(base, robot), out, ADAPT, seed, command, progress, domain=around)
+        _refine(load_policy(base, robot), out, ADAPT, seed, command, domain=around)
         choose("trained for them")
     for number in range(RECOVERIES):
         if kept >= ENOUGH * seeds:
             break
-        with Progress() as progress:
-            _refine(load_policy(out, robot), out, RECOVER, seed + number, command, progress, domain=around)
+        _refine(load_policy(out, robot), out, RECOVER, seed + number, command, domain=around)
         if not choose("with more recoveries"):
             break
     result = _judged(robot, out, around, SEED, seeds)
@@ -172,11 +156,10 @@ def refine_command(
 def _base_run(robot: Robot, domain: Domain, out: Path, frames: int | None, seed: int) -> Run:
     """The training, begun here or in an earlier call, of a policy that recovers on the domain's first plant."""
     folder = out.with_name(f"{out.stem}-base")
-    goal = get_preset(PRESET).frames if frames is None else frames
     if folder.exists():
-        return resume_run(folder, goal)
-    settings = make_run_settings(robot.name, PRESET, plant=first_plant(domain, robot), seed=seed)
-    return start_run(settings, folder, goal)
+        return resume_run(folder, get_preset(PRESET).frames if frames is None else frames)
+    plant = first_plant(domain, robot)
+    return start_training(robot.name, frames, str(folder), preset=PRESET, plant=plant, seed=seed)
 
 
 def _judged(robot: Robot, out: str, domain: Domain, seed: int, seeds: int) -> Result:
@@ -193,18 +176,27 @@ def _refine(
     recipe: str,
     seed: int,
     command: str,
-    bar: Progress,
     plant: Plant = LEADERBOARD,
     domain: Domain | None = None,
 ) -> None:
-    """Take a policy through a recipe, and rewrite the file as it proceeds."""
+    """Take a policy through a recipe with a progress bar, and rewrite the file as it proceeds."""
     controller = policy_alone(base)
     stages = stages_of(recipe, controller)
     passive_limit = None if domain is None else float(domain.high.loop.passive_limit)
+    kept = ("version", "preset", "command", "seed", "frames", "seconds", "scores")
+    origin = {name: base.metadata[name] for name in kept if name in base.metadata}
 
     def report(now: RefinementReport) -> None:
-        refined = wrapped_policy(now.controller, passive_limit)
-        write_pendulum_policy(out, refined, _provenance(base.metadata, command, seed, stages, now))
+        metadata = {
+            "version": __version__,
+            "command": command,
+            "seed": seed,
+            "seconds": round(now.seconds, 1),
+            "stages": [{"kind": type(stage).__name__} | dataclasses.asdict(stage) for stage in stages],
+            "scores": {"v2": dataclasses.asdict(now.criteria)},
+            "base": origin,
+        }
+        write_pendulum_policy(out, wrapped_policy(now.controller, passive_limit), metadata)
         means = "".join(f"  {name.replace('_', ' ')} {value:.3f}" for name, value in now.measures.items())
         figures = f"score {now.criteria.score:.3f}{means}"
         bar(f"stage {now.stage} of {len(stages)}", now.iteration, now.of, figures)
@@ -212,27 +204,8 @@ def _refine(
     def progress(what: str, done: int, total: int) -> None:
         bar(f"stage {len(stages)} of {len(stages)}, {what}", done, total)
 
-    run_recipe(controller, base.robot, stages, seed, report, plant=plant, domain=domain, progress=progress)
-
-
-def _provenance(
-    base: Mapping[str, Any], command: str, seed: int, stages: tuple[Any, ...], now: RefinementReport
-) -> dict[str, Any]:
-    """Where the refined policy comes from, and the base's own origin; it goes with the estimator."""
-    origin = {
-        name: base[name]
-        for name in ("version", "preset", "command", "seed", "frames", "seconds", "scores")
-        if name in base
-    }
-    return {
-        "version": __version__,
-        "command": command,
-        "seed": seed,
-        "seconds": round(now.seconds, 1),
-        "stages": [{"kind": type(stage).__name__} | dataclasses.asdict(stage) for stage in stages],
-        "scores": {"v2": dataclasses.asdict(now.criteria)},
-        "base": origin,
-    }
+    with Progress() as bar:
+        run_recipe(controller, base.robot, stages, seed, report, plant=plant, domain=domain, progress=progress)
 
 
 def adapted_domain(options: PlantOptions, domain: str | None, out: str) -> tuple[Domain, str]:

@@ -1,14 +1,45 @@
-"""Results as lines of text, the same for every board."""
+"""Results as text: lines for one, and tables for people, JSON, CSV or Markdown."""
 
-from collections.abc import Iterator
+import csv
+import html
+import io
+import json
+import re
+from collections.abc import Callable, Iterator, Sequence
 from statistics import median
 
 from ..benchmark.columns import COLUMNS
 from ..benchmark.criteria import CAUSES
-from ..benchmark.leaderboard import OURS, Table
+from ..benchmark.leaderboard import ON_ROBOT, OURS, Table
 from ..benchmark.result import Result
-from .arguments import plant_note
-from .output import aligned
+from ..common.text import one_line, printable
+from ..controllers.registry import has_estimator
+from ..controllers.stack.controller import PolicyController
+from ..controllers.stack.regulator import RegulatingController
+from ..plant.plant import LEADERBOARD, Plant
+from ..plant.units import torque_over_gravity
+from ..report.log_report import Part
+from .output import tell, tell_table
+
+
+def plant_note(plant: Plant, robot: str) -> str:
+    """What a result's headline says of its plant; nothing of the leaderboards'."""
+    if plant == LEADERBOARD:
+        return ""
+    return f", plant {plant}, torque/gravity {torque_over_gravity(plant.driven(robot)):.2f}"
+
+
+def judged_name(name: str, controller: object) -> str:
+    """A controller's name, with a note on what was judged: with an estimator or without, or a policy alone."""
+    if isinstance(controller, RegulatingController):
+        return f"{name}, without estimator"
+    alone = ", policy alone" if isinstance(controller, PolicyController) else ""
+    return name + (", with estimator" if has_estimator(controller) else alone)
+
+
+def aligned(title: str, value: str, extra: str = "") -> str:
+    """One row of a result: its title, its value, and a remark in brackets."""
+    return f"  {title:<26}{value:>12}{f'   ({extra})' if extra else ''}"
 
 
 def result_lines(result: Result, judged: str) -> list[str]:
@@ -95,13 +126,85 @@ def _runs(result: Result) -> Iterator[tuple[str, str, str]]:
 def comparison_lines(table: Table, trained: str) -> list[str]:
     """A performance table in short lines, the score first, with a mark at the policy that was trained just now."""
     origin = {OURS: "shipped", "paper": "published, paper", "board": "published, public leaderboard"}
-    lines = [f"One swing-up of 10 s of the {table.robot} (board {table.board}); 1 is perfect", ""]
-    lines.append(f"{'score':>9}{'up after':>12}{'energy':>12}   controller")
+    heading = f"{'score':>9}{'up after':>12}{'energy':>12}   controller"
+    lines = [f"One swing-up of 10 s of the {table.robot} (board {table.board}); 1 is perfect", "", heading]
     for row in table.rows:
-        time, energy = (COLUMNS[name].show(row.values[name]) for name in ("swingup_time", "energy"))
+        score, time, energy = (COLUMNS[name].show(row.values[name]) for name in ("score", "swingup_time", "energy"))
         mine = row.controller == trained and row.source == OURS
         of = row.remark or "trained just now" if mine else origin[row.source]
-        score = COLUMNS["score"].show(row.values["score"])
-        mark = ">" if mine else ""
-        lines.append(f"{mark:<3}{score:>6}{time:>10} s{energy:>10} J   {row.controller} ({of})")
+        lines.append(f"{'>' if mine else '':<3}{score:>6}{time:>10} s{energy:>10} J   {row.controller} ({of})")
     return lines
+
+
+def show_tables(tables: Sequence[Table]) -> None:
+    """Print tables for people."""
+    for table in tables:
+        headings = ["Controller", "Source", *(COLUMNS[name].heading for name in table.columns)]
+        ours = [index for index, row in enumerate(table.rows) if row.source == OURS]
+        tell_table(headings, _rows(table), texts=2, title=_title(table), bold=ours)
+        tell(*_remarks(table))
+
+
+def show_parts(parts: Sequence[Part], notes: Sequence[str]) -> None:
+    """Print the tables of a report about logs, and its notes."""
+    for part in parts:
+        for table in part.tables:
+            tell_table(table.heads, table.rows, title=part.title)
+    tell(*notes)
+
+
+def tables_as_csv(tables: Sequence[Table]) -> str:
+    """One table for all boards, with the columns of each."""
+    rows = [row for table in tables for row in table.as_dicts()]
+    columns = list(dict.fromkeys(name for row in rows for name in row if name != "remark"))
+    text = io.StringIO()
+    writer = csv.DictWriter(text, [*columns, "remark"], lineterminator="\n")
+    writer.writeheader()
+
+    def cell(value: object) -> object:
+        # Line ends in a name are quoted; escape sequences would reach the terminal that shows the table.
+        return "\n".join(map(printable, value.split("\n"))) if isinstance(value, str) else value
+
+    writer.writerows({name: cell(value) for name, value in row.items()} for row in rows)
+    return text.getvalue().rstrip("\n")
+
+
+TABLE_FORMATS: dict[str, Callable[[Sequence[Table]], str]] = {
+    "json": lambda tables: json.dumps([row for table in tables for row in table.as_dicts()], indent=2),
+    "csv": tables_as_csv,
+    "markdown": lambda tables: "\n\n".join(map(_markdown, tables)),
+}
+"""Texts of several tables: one list of rows, one table with the columns of all, or a table each."""
+
+
+def _markdown(table: Table) -> str:
+    def line(cells: Sequence[str], mark: str = "") -> str:
+        return "| " + " | ".join(f"{mark}{_markdown_text(text)}{mark}" for text in cells) + " |"
+
+    heads = ["Controller", "Source", *(COLUMNS[name].title for name in table.columns)]
+    rule = "|---|---|" + "---:|" * len(table.columns)
+    rows = [line(cells, "**" if cells[1] == OURS else "") for cells in _rows(table)]
+    remarks = [f"\n{_markdown_text(remark)}" for remark in _remarks(table)]
+    return "\n".join([f"### {_title(table)}\n", line(heads), rule, *rows, *remarks])
+
+
+def _markdown_text(text: str) -> str:
+    """Text in one line, which may be cut, that Markdown and HTML show as it is."""
+    return re.sub(r"([\\`*_|\[\]])", r"\\\1", html.escape(one_line(text, 1000), quote=False))
+
+
+def _rows(table: Table) -> list[list[str]]:
+    shown = [[COLUMNS[name].show(row.values[name]) for name in table.columns] for row in table.rows]
+    return [[row.controller, row.source, *cells] for row, cells in zip(table.rows, shown, strict=True)]
+
+
+def _remarks(table: Table) -> list[str]:
+    remarks = [f"{row.controller}: {row.remark}" for row in table.rows if row.remark]
+    if any(row.source == ON_ROBOT for row in table.rows):
+        remarks.append(f"Rows of source {ON_ROBOT!r} were measured on the real robot; ours are simulated.")
+    return remarks if table.note is None else [*remarks, table.note]
+
+
+def _title(table: Table) -> str:
+    seed = "" if table.seed is None else f", seed {table.seed}"
+    return f"Board {table.board}, {table.robot}{seed}{plant_note(table.plant, table.robot)}"

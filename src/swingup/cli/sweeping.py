@@ -2,7 +2,7 @@
 
 import itertools
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,9 +18,8 @@ from ..learner.run_settings import make_run_settings
 from ..sweep.runs import Job, Row, describe, parse_alternatives, plan_jobs, run_jobs, summarise
 from ..sweep.search import best_trial, search
 from ..sweep.workers import workers_for
-from .arguments import NO_OPTIONS, PlantOptions, RobotOrNone, plant_of, task_name
-from .output import tell, tell_json, tell_table
-from .progress import Progress
+from .arguments import NO_OPTIONS, PlantOptions, RobotName, plant_of, task_name
+from .output import Progress, tell, tell_json, tell_table
 from .training import RunOptions
 
 TRIALS_SHOWN = 10
@@ -28,19 +27,12 @@ TRIALS_SHOWN = 10
 ENDED = {"complete": "", "pruned": "pruned", "fail": "failed"}
 """Optuna's states in words."""
 
-Assignments = Annotated[
-    UseAppendAction[tuple[tuple[str, ...], ...]],
-    arg(
-        metavar="NAME=VALUE,...",
-        help="alternatives of hyperparameters or of preset, as learning_rate=3e-4,5e-4 policy_layers=64x64,128x128;"
-        " with --trials also ranges LOW:HIGH or LOW:HIGH:log. Repeatable.",
-    ),
-]
+Assignments = Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME=VALUE,...")]
 """One option may name several; given again, it adds to them."""
 
 
 def sweep_command(
-    robot: RobotOrNone = None,
+    robot: RobotName | None = None,
     /,
     set: Assignments = (),
     trials: int | None = None,
@@ -62,8 +54,9 @@ def sweep_command(
     With --trials Optuna suggests the settings, from ranges and alternatives. best.json then has the best.
 
     Args:
-        robot: the robot; leave it out with --env.
-        set: what varies.
+        robot: acrobot or pendubot.
+        set: alternatives of hyperparameters or of preset, as learning_rate=3e-4,5e-4 policy_layers=64x64,128x128;
+            with --trials also ranges LOW:HIGH or LOW:HIGH:log. Repeatable.
         trials: search with so many trials instead, those of earlier calls included; needs swingup[optuna].
         pruning: with --trials, cut runs short that are worse than the median.
         seeds: seeds per setting (default 8; with --trials 1).
@@ -84,10 +77,17 @@ def sweep_command(
     texts = _alternatives([word for words in set for word in words])
     if trials is not None:
         with Progress() as progress, workers_for(scheduler, workers) as (pool, count):
+
+            def show_trial(trial: Any) -> None:
+                row = _trial_row(trial)
+                score = f"{row['error'] or row['state']} {shown_rate(row['score'])}"
+                progress.log(f"trial {row['trial']}, {row['settings']}: {score}")
+                progress("trials", row["trial"] + 1, trials)
+
             study = search(
                 task, texts, trials, out or f"searches/{name}", frames=frames, seed=seed,
                 seeds=1 if seeds is None else seeds, pruning=pruning, workers=count, executor=pool,
-                progress=lambda trial: _show_trial(progress, _trial_row(trial), trials), **given,
+                progress=show_trial, **given,
             )  # fmt: skip
         best, trial_rows = best_trial(study), [_trial_row(trial) for trial in study.trials]
         tell_json(trial_rows, indent=2) if json else _show_search(trial_rows)
@@ -131,24 +131,16 @@ def _trial_row(trial: Any) -> dict[str, Any]:
     return row | {"settings": describe(trial.params), "error": trial.user_attrs.get("error", "")}
 
 
-def _show_trial(progress: Progress, row: Mapping[str, Any], trials: int) -> None:
-    score = f"{row['error'] or row['state']} {shown_rate(row['score'])}"
-    progress.log(f"trial {row['trial']}, {row['settings']}: {score}")
-    progress("trials", row["trial"] + 1, trials)
-
-
 def _show_variants(rows: list[dict[str, Any]]) -> None:
     # Only tasks that are judged by episodes have rates.
     rates = {REWARD_RATE: "Reward rate", RESETS: "Resets per 1,000 steps"}
     rates = {name: title for name, title in rates.items() if any(is_number(row[name]) for row in rows)}
     cells = []
     for row in rows:
-        low, high = map(shown_rate, row["interval"])
+        variant, interval = row["variant"] or "as the preset has it", " to ".join(map(shown_rate, row["interval"]))
         runs = f"{row['runs']} of {row['runs'] + row['failed']}" if row["failed"] else str(row["runs"])
-        numbers = [shown_rate(row[name]) for name in ("best_score", *rates)]
-        cells.append(
-            [row["variant"] or "as the preset has it", runs, shown_rate(row["score"]), f"{low} to {high}", *numbers]
-        )
+        score, *others = [shown_rate(row[name]) for name in ("score", "best_score", *rates)]
+        cells.append([variant, runs, score, interval, *others])
     tell_table(["Settings", "Runs", "Score (IQM)", "95 % interval", "Best", *rates.values()], cells)
 
 

@@ -26,29 +26,23 @@ from ..learner.run import Run
 from ..learner.run_folder import BEST, LAST, result_on_disk
 from ..learner.run_settings import is_continuing, make_run_settings, read_run_settings
 from ..learner.start import resume_run, start_run
-from .arguments import NO_OPTIONS, PlantOptions, RobotOrNone, judged_name, optional, plant_note, plant_of, task_name
-from .output import tell, tell_table
+from .arguments import NO_OPTIONS, PlantOptions, RobotName, optional, plant_of, task_name
+from .output import Progress, tell, tell_table
 from .parsing import program_typed, value_of
-from .progress import Progress
-from .results import result_lines
-
-Note = Callable[[TrainingReport], str]
-"""Words among a report's figures; none where they are empty."""
+from .results import judged_name, plant_note, result_lines
 
 
 class RunOptions(TypedDict, total=False):
     """What is trained, and how often it is evaluated."""
 
-    env: Annotated[str, optional(text="Gymnasium id of another task, as Swimmer-v5 or your.module:Task-v0.")]
-    preset: Annotated[str, optional("NAME", f"named settings: {', '.join(PRESETS)}; default: those of the task.")]
-    evaluate_every: Annotated[int, optional(text="frames between evaluations and metrics; default 65536.")]
-    checkpoint_every: Annotated[
-        int, optional(text="frames between checkpoints; default 1048576, or 262144 with --env.")
-    ]
+    env: Annotated[str, optional("Gymnasium id of another task, as Swimmer-v5 or your.module:Task-v0.")]
+    preset: Annotated[str, optional(f"named settings: {', '.join(PRESETS)}; default: those of the task.", "NAME")]
+    evaluate_every: Annotated[int, optional("frames between evaluations and metrics; default 65536.")]
+    checkpoint_every: Annotated[int, optional("frames between checkpoints; default 1048576, or 262144 with --env.")]
     evaluation_episodes: Annotated[
         int,
         optional(
-            text="episodes of an evaluation with --env; default 5, or 1 with a continuing task. "
+            "episodes of an evaluation with --env; default 5, or 1 with a continuing task. "
             "0: training gives the score."
         ),
     ]
@@ -70,8 +64,8 @@ def _annotation(name: str, text: str) -> Any:
     default = getattr(Config, name)
     if isinstance(default, bool):
         return Annotated[bool, option]
-    metavar = {int: "INT", float: "FLOAT", tuple: "INT..."}.get(type(default), "WORD")
-    metavar = "FLOAT FLOAT" if is_pair(name) else metavar
+    kinds = {int: "INT", float: "FLOAT", tuple: "INT..."}
+    metavar = "FLOAT FLOAT" if is_pair(name) else kinds.get(type(default), "WORD")
     words = "*" if isinstance(default, tuple) else 1
     return Annotated[Any, option, value_of(lambda *typed: parse_value(name, " ".join(typed)), metavar, words)]
 
@@ -82,15 +76,12 @@ if TYPE_CHECKING:
 else:
     # Tyro reads the strings under the fields, and leaves out what was not given.
     _described = ConstructorRegistry.get_struct_spec(StructTypeInfo.make(Config, MISSING, in_union_context=False))
-    HyperparameterOptions = TypedDict(
-        "HyperparameterOptions",
-        {field.name: _annotation(field.name, field.helptext()) for field in _described.fields},
-        total=False,
-    )
+    _fields = {field.name: _annotation(field.name, field.helptext()) for field in _described.fields}
+    HyperparameterOptions = TypedDict("HyperparameterOptions", _fields, total=False)
 
 
 def train_command(
-    robot: RobotOrNone = None,
+    robot: RobotName | None = None,
     /,
     frames: int | None = None,
     seed: int | None = None,
@@ -106,7 +97,7 @@ def train_command(
     The folder holds config.json, metrics.jsonl, tensorboard/, checkpoints/, best.safetensors and last.safetensors.
 
     Args:
-        robot: the robot; none with --env or --resume.
+        robot: acrobot or pendubot.
         frames: frames to train each seed for; default: the preset's.
         seed: the first seed; default 0.
         seeds: how many seeds to train side by side; default: the preset's, 1 or for fast 2.
@@ -140,8 +131,8 @@ def start_training(
     return start_run(settings, folder, get_preset(settings.preset).frames if frames is None else frames)
 
 
-def train_shown(run: Run, note: Note = lambda report: "") -> int:
-    """Train to the goal, with the progress and a note on standard error, and free the environments.
+def train_shown(run: Run, note: Callable[[TrainingReport], str] = lambda report: "") -> int:
+    """Train to the goal, with the progress and notes among its figures, and free the environments.
 
     The exit status is 0, or that of the signal that stopped the run; then it is saved.
     """
@@ -164,26 +155,26 @@ def train_shown(run: Run, note: Note = lambda report: "") -> int:
     return 128 + received[0]
 
 
-def figures(report: TrainingReport, note: str = "") -> str:
+def figures(report: TrainingReport, note: str) -> str:
     """What a report says, the most wanted first, since a narrow terminal cuts the end.
 
     Scores, rewards and resets are means over the seeds; resets are those per 1,000 steps, where there were some.
     """
+
+    def mean(name: str) -> float:
+        values = [math.nan if row[name] is None else row[name] for row in report.rows]
+        return sum(values) / len(values)
+
     resets = [number for row in report.rows if (number := training_resets(row)) is not None]
     parts = [
         "" if report.best_score is None else f"best {report.best_score:.3f}",
         note,
-        f"score {_mean(report, 'score'):.3f}",
-        f"reward {_mean(report, 'reward'):.3f}",
+        f"score {mean('score'):.3f}",
+        f"reward {mean('reward'):.3f}",
         f"resets {sum(resets) / len(resets):.3g}/1k" if any(resets) else "",
         f"{report.frames_per_second / 1000:.3g}k/s",
     ]
-    return "  ".join(part for part in parts if part)
-
-
-def _mean(report: TrainingReport, name: str) -> float:
-    values = [math.nan if row[name] is None else row[name] for row in report.rows]
-    return sum(values) / len(values)
+    return "  ".join(filter(None, parts))
 
 
 @contextlib.contextmanager
@@ -222,17 +213,17 @@ def _resume(folder: Path, frames: int | None, given: dict[str, Any]) -> Run:
 
 def _score(run: Run) -> int:
     """Print the score of the best policy; judge that of a robot."""
-    if is_continuing(run.settings.name):
+    settings, file = run.settings, run.folder / BEST
+    if is_continuing(settings.name):
         _show_rates(run)
-    if run.settings.robot is None:
-        name = BEST if (run.folder / BEST).exists() else LAST
-        print(f"best score {shown_rate(run.best_score)}, policy {run.folder / name}")
-        print(describe_rates(result_on_disk(run.folder / name, run.backend.evaluator.measure)))
-        return 0
-    name = str(run.folder / BEST)
-    controller = get_controller(name, run.settings.robot)
-    result = judge(controller, run.settings.robot, name=name, plant=run.settings.plant)
-    tell(*result_lines(result, judged_name(name, controller)))
+    if settings.robot is None:
+        file = file if file.exists() else run.folder / LAST
+        print(f"best score {shown_rate(run.best_score)}, policy {file}")
+        print(describe_rates(result_on_disk(file, run.backend.evaluator.measure)))
+    else:
+        controller = get_controller(str(file), settings.robot)
+        result = judge(controller, settings.robot, name=str(file), plant=settings.plant)
+        tell(*result_lines(result, judged_name(str(file), controller)))
     return 0
 
 

@@ -1,4 +1,4 @@
-"""The runs of a sweep, every combination of alternatives with every seed in folders of their own; their table."""
+"""The runs of a sweep, one for each combination of alternatives and seed, in folders of their own; their table."""
 
 import contextlib
 import dataclasses
