@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from swingup.areapo.config import hyperparameters
+from swingup.areapo.config import HYPERPARAMETERS
 from swingup.cli import main
 from swingup.cli.commands import COMMANDS
 from swingup.controllers.registry import BUILT_IN
@@ -130,9 +130,9 @@ OF_PRESETS = "(0.0005; small: 0.001; fast: 0.0012; acrobot: 0.0006; ppo, mujoco:
 NAMED = {
     "": [f"• {name} " for name in COMMANDS],
     "evaluate": BUILT_IN,
-    "train": [*(f"--{name.replace('_', '-')}" for name in hyperparameters()), OF_PRESETS],
+    "train": [*(f"--{name.replace('_', '-')}" for name in HYPERPARAMETERS), OF_PRESETS],
 }
-"""In the help: commands, controllers, and hyperparameters, of which the rate has the values of all presets."""
+"""In the help: commands, controllers, and HYPERPARAMETERS, of which the rate has the values of all presets."""
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])

@@ -142,6 +142,10 @@ class Config(eqx.Module):
         return self.num_envs * self.num_steps
 
 
+HYPERPARAMETERS: dict[str, Any] = {field.name: field for field in dataclasses.fields(Config)}
+"""The fields of all hyperparameters by their names."""
+
+
 def config_from_dict(values: dict[str, Any], others: Iterable[str] = ()) -> Config:
     """The inverse of ``dataclasses.asdict``; values may come from JSON, which has lists for tuples.
 
@@ -154,21 +158,16 @@ def config_from_dict(values: dict[str, Any], others: Iterable[str] = ()) -> Conf
 
 def check_hyperparameter(name: Any, others: Iterable[str] = ()) -> str:
     """The name of a hyperparameter; another package's is refused with ours, a misspelt one with the nearest."""
-    names = hyperparameters()
-    if name in names:
+    if name in HYPERPARAMETERS:
         return name
-    near = swingup_name(name) or suggestion(name, [*names, *others]) or "; swingup train --help lists them all"
+    names = [*HYPERPARAMETERS, *others]
+    near = swingup_name(name) or suggestion(name, names) or "; swingup train --help lists them all"
     raise SwingupError(f"unknown hyperparameter {quoted(name)}{near}")
-
-
-def hyperparameters() -> list[str]:
-    """The names of all hyperparameters."""
-    return [field.name for field in dataclasses.fields(Config)]
 
 
 def kind_of(name: str) -> str:
     """What values of a hyperparameter are, in words."""
-    default, words = getattr(Config, name), _field(name).metadata.get("words")
+    default, words = getattr(Config, name), HYPERPARAMETERS[name].metadata.get("words")
     if words:
         return f"one of {', '.join(words)}"
     if is_pair(name):
@@ -180,7 +179,7 @@ def kind_of(name: str) -> str:
 
 def is_pair(name: str) -> bool:
     """Whether a hyperparameter is a number for each objective."""
-    return _field(name).type == Pair
+    return HYPERPARAMETERS[name].type == Pair
 
 
 def parse_value(name: str, text: str) -> Any:
@@ -197,7 +196,7 @@ def parse_value(name: str, text: str) -> Any:
             value = type(default)(text)
     except (KeyError, ValueError) as error:
         raise SwingupError(f"{name} = {quoted(text)}: use {kind_of(name)}") from error
-    _check_field(_field(name), value)
+    _check_field(HYPERPARAMETERS[name], value)
     return value
 
 
@@ -205,10 +204,6 @@ def format_value(value: Any) -> str:
     """A value as ``parse_value`` reads it."""
     # Joined by x: a sweep separates its alternatives by commas.
     return "x".join(map(str, value)) if isinstance(value, tuple) else str(value)
-
-
-def _field(name: str) -> Any:
-    return next(field for field in dataclasses.fields(Config) if field.name == name)
 
 
 def _to_python(value: Any) -> Any:

@@ -1,5 +1,6 @@
 """Evaluators of Gymnasium environments: the mean return of episodes that the host steps."""
 
+import contextlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -77,13 +78,10 @@ def play_once(
         raise SwingupError(
             f"episodes = {episodes}, but the environment that was passed in plays {own}: leave episodes out"
         )
-    environments = make_environments(env, own or episodes or EPISODES)
-    try:
+    with contextlib.closing(make_environments(env, own or episodes or EPISODES)) as environments:
         _check_spaces(policy, environments.spaces)
         check_actions(trained, environments.actions.describe())
         return play(policy, environments, seed)
-    finally:
-        environments.close()
 
 
 def play(policy: Policy[Any], environments: Environments, seed: int) -> dict[str, Any]:

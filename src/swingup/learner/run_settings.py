@@ -3,7 +3,7 @@
 import dataclasses
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -42,10 +42,10 @@ CONTINUING = "swingup/Continuing"
 MALFORMED = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
 """Errors that content of a wrong type, depth or encoding raises."""
 
-SETTINGS = ("preset", "seed", "seeds", "evaluate_every", "checkpoint_every", "evaluation_episodes", "plant")
+LEAST = {"seed": 0, "seeds": 1, "evaluate_every": 1, "checkpoint_every": 1, "evaluation_episodes": 0}
+"""Least values of the fields that are whole numbers."""
+SETTINGS = ("preset", *LEAST, "plant")
 """Fields that a user gives beside the hyperparameters, to suggest for a misspelt one."""
-FROM_0, FROM_1 = {"least": 0}, {"least": 1}
-"""Metadata of fields that are whole numbers: their least values."""
 
 
 @dataclass(frozen=True)
@@ -55,19 +55,19 @@ class RunSettings:
     robot: str | None
     """The pendulum's robot; None for another task."""
     preset: str
-    seed: int = field(metadata=FROM_0)
+    seed: int
     """The first seed."""
-    seeds: int = field(metadata=FROM_1)
+    seeds: int
     """How many seeds train side by side."""
-    evaluate_every: int = field(metadata=FROM_1)
+    evaluate_every: int
     """Frames of a seed between evaluations and reports; each checkpoint adds one of both."""
-    checkpoint_every: int = field(metadata=FROM_1)
+    checkpoint_every: int
     """Frames of a seed between checkpoints."""
     config: Config
     """The algorithm's hyperparameters."""
     env: str | None = None
     """Gymnasium id of another task than the pendulum's, or a description of an object that was passed in."""
-    evaluation_episodes: int = field(default=5, metadata=FROM_0)
+    evaluation_episodes: int = 5
     """Episodes of an evaluation on another task; 0: training episodes give the score, where the host steps them."""
     plant: Plant = LEADERBOARD
     """The pendulum, in whose units the task is."""
@@ -83,10 +83,8 @@ class RunSettings:
         one_of("preset", self.preset, PRESETS)
         if self.plant != LEADERBOARD and self.robot is None:
             raise SwingupError(f"a plant goes with a robot, not with {self.name}")
-        for each in dataclasses.fields(self):
-            if "least" in each.metadata:
-                number = whole_number(each.name, getattr(self, each.name), each.metadata["least"])
-                object.__setattr__(self, each.name, number)
+        for name, least in LEAST.items():
+            object.__setattr__(self, name, whole_number(name, getattr(self, name), least))
         object.__setattr__(self, "config", config_from_dict(vars(self.config)))  # NumPy's numbers become Python's
         # JAX's keys take seeds of 32 bits; the last seed is seed + seeds - 1.
         whole_number("seed", self.seed, 0, 2**32 - self.seeds)
