@@ -198,18 +198,15 @@ def rehearsal_lines(found: Rehearsal) -> list[str]:
     stopped, runs = sum(stop is not None for stop in found.stops), len(found.stops)
     guard = "none" if not found.facts["guard"] else f"stopped {stopped} of {runs}" if stopped else "quiet"
     limits = "" if found.limits is None else "limits {:.4g} rad, {:.4g} rad/s".format(*found.limits)
-    rows = [("Call [ms]", spread(found.calls)), ("Period [ms]", spread(found.periods) if found.real_time else {})]
-    calls, late = f"of {len(found.calls)} calls", f"The simulation itself was late {found.late} times"
-    return [
-        *result_lines(found.result, f"{found.folder.entry.name}, {found.folder.form}"),
-        aligned("Guard", guard, limits),
-        *(aligned(title, *_spread(row)) for title, row in rows if row),
-        *([aligned("Missed deadlines", str(found.missed), calls)] if found.real_time else []),
-        *([f"  {late}: close other programs and repeat."] if found.late else []),
-        *([] if found.difference is None else [f"  {found.difference}"]),
-    ]
-
-
-def _spread(row: Mapping[str, float]) -> tuple[str, str]:
-    """The median of times in ms, and further of their quantiles."""
-    return f"{1e3 * row['p50']:.3f}", f"99 % {1e3 * row['p99']:.3f}, longest {1e3 * row['longest']:.3f}"
+    lines = result_lines(found.result, f"{found.folder.entry.name}, {found.folder.form}")
+    lines.append(aligned("Guard", guard, limits))
+    measured = {"Call [ms]": found.calls, "Period [ms]": found.periods if found.real_time else []}
+    for title, times in measured.items():
+        if times:
+            middle, most, longest = (f"{1e3 * each:.3f}" for each in spread(times).values())
+            lines.append(aligned(title, middle, f"99 % {most}, longest {longest}"))
+    if found.real_time:
+        lines.append(aligned("Missed deadlines", str(found.missed), f"of {len(found.calls)} calls"))
+    if found.late:
+        lines.append(f"  The simulation itself was late {found.late} times: close other programs and repeat.")
+    return lines if found.difference is None else [*lines, f"  {found.difference}"]

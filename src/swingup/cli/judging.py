@@ -46,7 +46,6 @@ RobotOrAll = Annotated[
 ControllerName = Annotated[
     str, arg(metavar="NAME", help=f"{', '.join(BUILT_IN)}, a policy file (.safetensors), or module:object.")
 ]
-ScoringBoard = Annotated[str, arg(metavar="BOARD", help=f"{SCORING}.")]
 
 
 class DisturbanceOptions(TypedDict, total=False):
@@ -227,7 +226,7 @@ def score_command(
     trajectory: Annotated[str, arg(metavar="TRAJECTORY")],
     /,
     robot: RobotName,
-    board: ScoringBoard = "performance",
+    board: Annotated[str, arg(metavar="BOARD", help=f"{SCORING}.")] = "performance",
     plant: PlantOptions = NO_OPTIONS,
     columns: Names = (),
     force: bool = False,

@@ -27,14 +27,11 @@ TRIALS_SHOWN = 10
 ENDED = {"complete": "", "pruned": "pruned", "fail": "failed"}
 """Optuna's states in words."""
 
-Assignments = Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME=VALUE,...")]
-"""One option may name several; given again, it adds to them."""
-
 
 def sweep_command(
     robot: RobotName | None = None,
     /,
-    set: Assignments = (),
+    set: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME=VALUE,...")] = (),
     trials: int | None = None,
     pruning: bool = True,
     seeds: int | None = None,
