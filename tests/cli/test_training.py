@@ -21,9 +21,8 @@ from swingup.learner.metrics import read_metrics
 from swingup.policy.estimator.settings import EstimatorSettings
 from swingup.policy.shipped import DEFAULT, load_policy
 from swingup.refine import recipe
-from swingup.refine.analytic_policy_gradient import PolicyGradientSettings
+from swingup.refine.analytic_policy_gradient import EpisodeSettings, PolicyGradientSettings
 from swingup.refine.distillation_settings import DistillationSettings, RecoverySettings
-from swingup.refine.episodes import EpisodeSettings
 from swingup.refine.plant_draws import PlantDraws
 from swingup.refine.recipe import GradientStage
 

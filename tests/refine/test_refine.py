@@ -18,8 +18,13 @@ from swingup.dynamics.angles import UPRIGHT
 from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.plant.robots import get_robot
 from swingup.refine import analytic_policy_gradient
-from swingup.refine.analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings, batch_cost
-from swingup.refine.episodes import EpisodeBatch, EpisodeSettings, sample_episodes
+from swingup.refine.analytic_policy_gradient import (
+    AnalyticPolicyGradient,
+    EpisodeSettings,
+    PolicyGradientSettings,
+    batch_cost,
+    sample_episodes,
+)
 from swingup.refine.objective import EpisodeWeights, Measures, bound_adjoint, measure_episode
 from swingup.refine.recipe import GradientStage, run_recipe
 from swingup.tasks.observation import PendulumStage
@@ -31,9 +36,7 @@ SHORT = PolicyGradientSettings(iterations=4, learning_rate=1e-3, duration=0.06, 
 """Episodes of one length and number in all tests: the compiled gradient then comes from the cache."""
 
 
-@jax.jit
-def measured(trajectory, plant):
-    return measure_episode(trajectory, plant, PERFORMANCE.dt, PERFORMANCE)
+measured = jax.jit(measure_episode)
 
 
 def small(robot=ACROBOT, seed=0):
@@ -44,24 +47,25 @@ def small(robot=ACROBOT, seed=0):
 
 def test_episodes_are_of_the_kinds_asked_for_and_repeat_with_their_seed():
     settings = EpisodeSettings(nominal=20, anywhere=300, thrown=0, speed=4.0, spread=0.02)
-    episodes = sample_episodes(np.random.default_rng(0), ACROBOT, settings)
-    assert (episodes.x0.shape, episodes.x0.dtype, episodes.nominal.sum()) == ((320, 4), np.float32, 20)
-    hanging, anywhere = episodes.x0[episodes.nominal], episodes.x0[~episodes.nominal]
+    x0, nominal = sample_episodes(np.random.default_rng(0), ACROBOT, settings)
+    assert (x0.shape, x0.dtype, nominal.sum()) == ((320, 4), np.float32, 20)
+    hanging, anywhere = x0[nominal], x0[~nominal]
     assert 0 < np.abs(hanging).max() < 5 * 0.02
     for column in anywhere[:, :2].T:
         assert np.histogram(column, 4, (-3.1416, 3.1416))[0].min() > 50
     # The deviation is uniform up to 4 rad/s: the mean square is 16/3.
     assert 4.0 < np.mean(anywhere[:, 2:] ** 2) < 7.0
     # Shuffled: the first 20 are not the nominal ones.
-    assert not episodes.nominal[:20].all()
-    same, other = (sample_episodes(np.random.default_rng(seed), ACROBOT, settings).x0 for seed in (0, 1))
-    assert np.array_equal(same, episodes.x0)
-    assert not np.array_equal(other, episodes.x0)
+    assert not nominal[:20].all()
+    same, other = (sample_episodes(np.random.default_rng(seed), ACROBOT, settings)[0] for seed in (0, 1))
+    assert np.array_equal(same, x0)
+    assert not np.array_equal(other, x0)
     # Throws leave the pendulum in motion and in other turns.
-    thrown = sample_episodes(np.random.default_rng(0), ACROBOT, EpisodeSettings(nominal=0, anywhere=0, thrown=50))
-    assert (thrown.x0.shape, thrown.nominal.any()) == ((50, 4), False)
-    assert np.abs(thrown.x0[:, 2:]).mean() > 1.0
-    assert np.abs(thrown.x0[:, 0]).max() > np.pi
+    settings = EpisodeSettings(nominal=0, anywhere=0, thrown=50)
+    x0, nominal = sample_episodes(np.random.default_rng(0), ACROBOT, settings)
+    assert (x0.shape, nominal.any()) == ((50, 4), False)
+    assert np.abs(x0[:, 2:]).mean() > 1.0
+    assert np.abs(x0[:, 0]).max() > np.pi
 
 
 def test_the_smooth_score_is_nearly_the_judge_s(either_robot):
@@ -120,7 +124,7 @@ def test_the_adjoint_is_cut_and_the_state_is_not():
 @pytest.mark.slow  # the integrators' gradient has a default test
 def test_the_gradient_through_an_episode_is_that_of_finite_differences(x64):
     controller = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float64) if eqx.is_array(leaf) else leaf, small())
-    x0 = sample_episodes(np.random.default_rng(3), ACROBOT, FEW).x0.astype(np.float64)
+    x0 = sample_episodes(np.random.default_rng(3), ACROBOT, FEW)[0].astype(np.float64)
     settings = PolicyGradientSettings(duration=0.2, adjoint_limit=1e9, weights=BALANCED)
     actor = controller.policy.actor
 
@@ -145,18 +149,17 @@ def test_the_gradient_through_an_episode_is_that_of_finite_differences(x64):
 @pytest.mark.parametrize("cores", [2, 16])
 def test_gradient_steps_lower_the_cost_and_do_not_depend_on_the_cores(monkeypatch, cores):
     """More cores than episodes once divided by zero."""
-    x0 = UPRIGHT + 0.1 * np.random.default_rng(0).normal(size=(8, 4))
-    episodes = EpisodeBatch(x0.astype(np.float32), np.zeros(8, bool))
+    x0 = (UPRIGHT + 0.1 * np.random.default_rng(0).normal(size=(8, 4))).astype(np.float32)
     settings = dataclasses.replace(SHORT, iterations=16, learning_rate=3e-3)
     one, many = AnalyticPolicyGradient(small(), settings), AnalyticPolicyGradient(small(), settings)
     monkeypatch.setattr(analytic_policy_gradient, "cores", lambda: 1)
-    first = one.step(episodes)
+    first = one.step(x0)
     monkeypatch.setattr(analytic_policy_gradient, "cores", lambda: cores)
-    assert np.allclose(many.step(episodes).away, first.away, atol=1e-6)
+    assert np.allclose(many.step(x0).away, first.away, atol=1e-6)
     for leaf, other in zip(jax.tree.leaves(one.actor), jax.tree.leaves(many.actor), strict=True):
         assert np.allclose(leaf, other, atol=1e-5)
     for _ in range(15):
-        last = many.step(episodes)
+        last = many.step(x0)
     assert np.mean(last.away) < np.mean(first.away)
 
 

@@ -1,4 +1,8 @@
-"""The analytic policy gradient: backwards through policy and pendulum over whole episodes, then a step of Adam."""
+"""The analytic policy gradient: backwards through policy and pendulum over whole episodes, then a step of Adam.
+
+First states of episodes are drawn at random, new ones for every step. Throws are drawn by the rules of the
+global-policy score; none of them is one of the benchmark's own.
+"""
 
 import itertools
 from concurrent.futures import ThreadPoolExecutor
@@ -10,22 +14,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..areapo.networks import Actor
-from ..benchmark.boards import PERFORMANCE
 from ..benchmark.rollout import Scenario, simulate
 from ..common.cores import cores
 from ..common.types import Scalar, State
 from ..controllers.interface.controller import AbstractController
 from ..controllers.stack.controller import PolicyController
 from ..dynamics.integrate import stable_substeps
+from ..loop.supervisors.throws import thrown_states
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
-from .episodes import EpisodeBatch
-from .objective import EpisodeWeights, Measures, bound_adjoint, measure_episode
-
-SCORE_RULES = PERFORMANCE
-"""The rules whose score the objective smooths, and whose time step the episodes have."""
+from ..plant.robots import Robot
+from .objective import SCORE_RULES, EpisodeWeights, Measures, bound_adjoint, measure_episode
 
 
 @dataclass(frozen=True)
@@ -45,10 +46,37 @@ class PolicyGradientSettings:
     weights: EpisodeWeights = EpisodeWeights(down=1.0, away=0.2)  # noqa: RUF009 - frozen
     """Weights of an episode's measures."""
 
-    @property
-    def steps(self) -> int:
-        """Steps of an episode."""
-        return round(self.duration / SCORE_RULES.dt)
+
+@dataclass(frozen=True)
+class EpisodeSettings:
+    """How many episodes of each kind a step has, and the spread of their first states."""
+
+    nominal: int = 4
+    """Episodes that start hanging."""
+    anywhere: int = 18
+    """Episodes that start in any configuration, with random velocities; see ``speed``."""
+    thrown: int = 180
+    """Episodes that start where the throws of the global-policy score leave the pendulum."""
+    speed: float = 8.0
+    """Largest standard deviation of the first velocities of ``anywhere`` (rad/s)."""
+    spread: float = 0.02
+    """Largest standard deviation of the first states of ``nominal`` (rad, rad/s)."""
+
+
+def sample_episodes(
+    random: np.random.Generator, robot: Robot, settings: EpisodeSettings, plant: PlantLike = LEADERBOARD
+) -> tuple[Float[np.ndarray, "n 4"], Bool[np.ndarray, "n"]]:
+    """First states (rad, rad/s) of one step's episodes, in single precision, and which of them start hanging."""
+    nominal, anywhere, thrown = settings.nominal, settings.anywhere, settings.thrown
+    hanging = settings.spread * random.uniform(size=(nominal, 1)) * random.normal(size=(nominal, 4))
+    rates = settings.speed * random.uniform(size=(anywhere, 1)) * random.normal(size=(anywhere, 2))
+    free = np.concatenate([random.uniform(-np.pi, np.pi, (anywhere, 2)), rates], axis=1)
+    after = thrown_states(random, load_plant(plant).driven(robot), thrown) if thrown else np.zeros((0, 4))
+    x0 = np.concatenate([hanging, free, after]).astype(np.float32)
+    # Shuffled: each core takes a slice of the batch, and every slice needs episodes of all kinds.
+    order = random.permutation(len(x0))
+    # The nominal episodes came first before the shuffle.
+    return x0[order], order < nominal
 
 
 class AnalyticPolicyGradient:
@@ -62,23 +90,26 @@ class AnalyticPolicyGradient:
         # The actor is differentiated, and so an argument of its own; here it is left out.
         self._controller = eqx.tree_at(lambda c: c.policy.actor, single_precision(controller), None)
         self._settings = settings
-        self._optimiser = _optimiser(settings)
+        rate, number = settings.learning_rate, settings.iterations
+        schedule = optax.warmup_cosine_decay_schedule(0.0, rate, number // 8, number, rate / 50)
+        bounded = optax.clip_by_global_norm(settings.gradient_limit)
+        self._optimiser = optax.chain(bounded, optax.adam(schedule, b2=0.98))
         self._apply = jax.jit(self._updated)
         self.actor: Actor = single_precision(controller.policy.actor)
         """The network after the steps so far."""
         self._moments = self._optimiser.init(self.actor)
 
-    def step(self, episodes: EpisodeBatch) -> Measures:
-        """Take one step, and return the episodes' measures (leading axis: episode)."""
+    def step(self, x0: Float[np.ndarray, "n 4"]) -> Measures:
+        """Take one step on episodes from these states, and return their measures (leading axis: episode)."""
         # One compiled batch keeps one core busy; threads share the batch out.
-        number = len(episodes.x0)
+        number = len(x0)
         parts = min(cores(), number) if jax.default_backend() == "cpu" else 1
         cuts = np.linspace(0, number, parts + 1).astype(int)
         pieces = [slice(*ends) for ends in itertools.pairwise(cuts)]
 
         def run(piece: slice) -> tuple[tuple[Scalar, Measures], Actor]:
-            x0 = jnp.asarray(episodes.x0[piece])
-            gradient = _gradient(self.actor, self._controller, x0, self._settings, self._plant)
+            some = jnp.asarray(x0[piece])
+            gradient = _gradient(self.actor, self._controller, some, self._settings, self._plant)
             return jax.block_until_ready(gradient)
 
         with ThreadPoolExecutor(parts) as pool:
@@ -113,7 +144,7 @@ def batch_cost(
     limit = settings.adjoint_limit / len(x0)  # the mean gives each episode this share of its gradient
 
     def one(start: Float[Array, "4"]) -> tuple[Scalar, Measures]:
-        measures = run_episode(scenario, controller, start, settings.steps, limit)
+        measures = run_episode(scenario, controller, start, settings.duration, limit)
         return settings.weights.cost(measures), measures
 
     costs, measures = jax.vmap(one)(x0)
@@ -121,13 +152,12 @@ def batch_cost(
 
 
 def run_episode(
-    scenario: Scenario, controller: AbstractController[Any], x0: State, steps: int, adjoint_limit: float
+    scenario: Scenario, controller: AbstractController[Any], x0: State, duration: float, adjoint_limit: float
 ) -> Measures:
-    """The measures of one episode; ``adjoint_limit`` bounds the gradient with respect to each of its states."""
-    _, rows = simulate(
-        scenario, controller, x0, SCORE_RULES.dt, steps, guard=lambda x: bound_adjoint(x, adjoint_limit)
-    )
-    return measure_episode(rows, scenario.parameters, SCORE_RULES.dt, SCORE_RULES)
+    """The measures of one episode (s); ``adjoint_limit`` bounds the gradient with respect to each of its states."""
+    steps, guard = round(duration / SCORE_RULES.dt), lambda x: bound_adjoint(x, adjoint_limit)
+    _, rows = simulate(scenario, controller, x0, SCORE_RULES.dt, steps, guard=guard)
+    return measure_episode(rows, scenario.parameters)
 
 
 def with_actor(controller: PolicyController, actor: Actor) -> PolicyController:
@@ -136,12 +166,6 @@ def with_actor(controller: PolicyController, actor: Actor) -> PolicyController:
 
 
 _gradient = jax.jit(jax.value_and_grad(batch_cost, has_aux=True), static_argnames=("settings", "plant"))
-
-
-def _optimiser(settings: PolicyGradientSettings) -> optax.GradientTransformation:
-    rate, number = settings.learning_rate, settings.iterations
-    schedule = optax.warmup_cosine_decay_schedule(0.0, rate, number // 8, number, rate / 50)
-    return optax.chain(optax.clip_by_global_norm(settings.gradient_limit), optax.adam(schedule, b2=0.98))
 
 
 def single_precision(tree: Any) -> Any:

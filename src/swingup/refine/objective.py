@@ -8,15 +8,17 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..benchmark.boards import PERFORMANCE
 from ..benchmark.criteria import realai_score
 from ..benchmark.rollout import Trajectory
-from ..benchmark.swing_up_board import SwingUpBoard
 from ..common.types import Scalar, State
 from ..dynamics.angles import UPRIGHT
 from ..dynamics.dynamics import tip_height
 from ..plant.plant import Plant
 from ..tasks.recovery import UP_LINE_WIDTH
 
+SCORE_RULES = PERFORMANCE
+"""The rules whose score the objective smooths, and whose time step the episodes have."""
 GOAL_WIDTH = 0.3
 """Width of the goal's neighbourhood (rad)."""
 SPEED_OF_A_RADIAN = 4.0
@@ -42,14 +44,14 @@ class Measures(eqx.Module):
     """Mean sum of squares of the joints' half turns from upright beyond ``WOUND``."""
 
 
-def measure_episode(trajectory: Trajectory, parameters: Plant, dt: float, rules: SwingUpBoard) -> Measures:
-    """Measure an episode whose rows are dt (s) apart. The time after it counts as free of cost."""
-    x, u = jnp.asarray(trajectory.x), jnp.asarray(trajectory.u)
-    line = rules.height * parameters.length
+def measure_episode(trajectory: Trajectory, parameters: Plant) -> Measures:
+    """Measure an episode. The time after it counts as free of cost."""
+    x, u, dt = jnp.asarray(trajectory.x), jnp.asarray(trajectory.u), SCORE_RULES.dt
+    line = SCORE_RULES.height * parameters.length
     down = jnp.sum(jax.nn.sigmoid((line - jax.vmap(tip_height, (None, 0))(parameters, x)) / UP_LINE_WIDTH)) * dt
     changes = jnp.diff(u, axis=0)
     # The rows of a whole run, as in the judge: after the episode the torque counts as constant.
-    rows = rules.steps - 1
+    rows = SCORE_RULES.steps - 1
     mean, square = jnp.sum(changes, axis=0) / rows, jnp.sum(changes**2, axis=0) / rows
     costs = {
         "swingup_time": down,
@@ -59,7 +61,7 @@ def measure_episode(trajectory: Trajectory, parameters: Plant, dt: float, rules:
         "torque_smoothness": jnp.sum(jnp.sqrt(square - mean**2 + 1e-12)),
         "velocity_cost": jnp.sum(x[:, 2:] ** 2) * dt,
     }
-    score = realai_score(costs, rules.normalisers, jnp.tanh)
+    score = realai_score(costs, SCORE_RULES.normalisers, jnp.tanh)
     above = jax.nn.relu(jnp.abs(x[:, 2:]) / FAST - 1)
     turns = jax.nn.relu(jnp.abs(x[:, :2] - jnp.asarray(UPRIGHT[:2], x.dtype)) / jnp.pi - WOUND)
     away, fast = jnp.mean(jax.vmap(_away)(x)), jnp.mean(jnp.sum(above**2, axis=1))
@@ -99,10 +101,6 @@ def bound_adjoint(x: State, limit: float) -> State:
     return x
 
 
-def _forwards(x: State, limit: float) -> tuple[State, None]:
-    return x, None
-
-
 def _backwards(limit: float, _: None, gradient: Float[Array, "4"]) -> tuple[Float[Array, "4"]]:
     # A gradient that overflowed has no direction: it is dropped.
     gradient = jnp.nan_to_num(gradient, nan=0.0, posinf=0.0, neginf=0.0)
@@ -110,4 +108,4 @@ def _backwards(limit: float, _: None, gradient: Float[Array, "4"]) -> tuple[Floa
     return (gradient * jnp.minimum(1.0, limit / jnp.sqrt(jnp.sum(gradient**2) + 1e-20)),)
 
 
-bound_adjoint.defvjp(_forwards, _backwards)
+bound_adjoint.defvjp(lambda x, limit: (x, None), _backwards)

@@ -27,10 +27,15 @@ from ..policy.pendulum import PendulumPolicy
 from ..policy.plant_facts import plant_difference, policy_plant
 from ..policy.regulator.settings import RegulatorSettings
 from ..policy.shipped import ADAPTIVE, load_policy
-from .analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings, with_actor
+from .analytic_policy_gradient import (
+    AnalyticPolicyGradient,
+    EpisodeSettings,
+    PolicyGradientSettings,
+    sample_episodes,
+    with_actor,
+)
 from .distillation import Progress, distil, recover
 from .distillation_settings import DistillationSettings, RecoverySettings
-from .episodes import EpisodeSettings, sample_episodes
 from .objective import EpisodeWeights
 from .plant_draws import RECORDED, PlantDraws, behind_motor, draw_plants
 from .teacher import make_school
@@ -151,11 +156,12 @@ def run_recipe(
         SwingupError: there is no such plant, the weights are no longer finite, or a stage does not take such a
             policy or plant.
     """
-    if controller.policy.sees_plant and any(not isinstance(stage, DistillationSettings) for stage in stages):
+    kinds = {type(stage) for stage in stages}
+    if controller.policy.sees_plant and GradientStage in kinds:
         raise SwingupError(
             "the policy sees its plant, and gradient steps on a single one would blind it: take RECOVER_ON_MANY"
         )
-    sees = any(isinstance(stage, DistillationSettings) for stage in stages)
+    sees = DistillationSettings in kinds
     if sees and plant != LEADERBOARD:
         raise SwingupError("plants are drawn for a policy that sees its plant: give a domain, not a plant")
     around = load_domain(domain or RECORDED) if not isinstance(domain, Domain) else domain
@@ -173,29 +179,30 @@ def run_recipe(
     limit = float(around.high.loop.passive_limit)
     random = np.random.default_rng(seed)
 
-    def tell(number: int, now: PolicyController, iteration: int, of: int, measures: dict[str, float]) -> None:
+    def tell(
+        number: int, of: int, now: PolicyController, iteration: int, measures: dict[str, float] | None = None
+    ) -> None:
+        if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(now.policy.actor)):
+            raise SwingupError("refining diverged: weights are not finite; start from another policy or seed")
         # Alone, or where it sees its plant with what finds that.
         real = on_plant(now, facts)
         judged = make_controller(wrapped_policy(real, limit)) if now.policy.sees_plant else real
         criteria = judge(judged, robot, plant=found).criteria
-        report(RefinementReport(number, iteration, of, time.perf_counter() - start, real, criteria, measures))
+        seconds = time.perf_counter() - start
+        report(RefinementReport(number, iteration, of, seconds, real, criteria, measures or {}))
 
     for number, stage in enumerate(stages, start=1):
-        tell_stage = partial(tell, number)
         if isinstance(stage, GradientStage):
-            controller = _gradient_steps(controller, robot, stage, random, tell_stage, every, similar)
+            told = partial(tell, number, stage.gradient.iterations)
+            controller = _gradient_steps(controller, stage, random, told, every, similar)
             continue
-        rounds = stage.rounds + bool(stage.score_steps)
-
-        def tell_round(now: PolicyController, done: int, tell: Any = tell_stage, of: int = rounds) -> None:
-            tell(_checked(now), done, of, {})
-
+        told = partial(tell, number, stage.rounds + bool(stage.score_steps))
         targets = draw_plants(random, robot, stage.draws, similar, around)
         if not stage.rounds:
-            controller = recover(controller, targets, stage, random, tell_round, progress)
+            controller = recover(controller, targets, stage, random, told, progress)
             continue
         school = make_school(controller, targets, stage.nominal, partial(progress, "swing-ups"))
-        controller = distil([school], stage, random, tell_round, progress)
+        controller = distil([school], stage, random, told, progress)
     return on_plant(controller, facts)
 
 
@@ -250,22 +257,21 @@ def wrapped_policy(controller: PolicyController, passive_limit: float | None = N
 
 def _gradient_steps(
     controller: PolicyController,
-    robot: Robot,
     stage: GradientStage,
     random: np.random.Generator,
-    tell: Callable[[PolicyController, int, int, dict[str, float]], None],
+    tell: Callable[[PolicyController, int, dict[str, float]], None],
     every: int,
     plant: Plant,
 ) -> PolicyController:
     learner, number = AnalyticPolicyGradient(controller, stage.gradient, plant), stage.gradient.iterations
     recent: list[dict[str, float]] = []
     for iteration in range(1, number + 1):
-        episodes = sample_episodes(random, robot, stage.episodes, plant)
-        recent.append(_means(np.asarray(episodes.nominal), learner.step(episodes)))
+        x0, nominal = sample_episodes(random, controller.robot, stage.episodes, plant)
+        recent.append(_means(nominal, learner.step(x0)))
         if iteration % every == 0 or iteration == number:
-            controller = _checked(with_actor(controller, jax.tree.map(np.asarray, learner.actor)))
+            controller = with_actor(controller, jax.tree.map(np.asarray, learner.actor))
             means = {name: float(np.mean([each[name] for each in recent])) for name in recent[0]}
-            tell(controller, iteration, number, means)
+            tell(controller, iteration, means)
             recent.clear()
     return controller
 
@@ -274,9 +280,3 @@ def _means(nominal: np.ndarray, measures: Any) -> dict[str, float]:
     score, down = np.asarray(measures.score), np.asarray(measures.down)
     means = {"nominal_score": score[nominal], "others_down": down[~nominal]}
     return {name: float(values.mean()) for name, values in means.items() if values.size}
-
-
-def _checked(controller: PolicyController) -> PolicyController:
-    if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(controller.policy.actor)):
-        raise SwingupError("refining diverged: weights are not finite; start from another policy or seed")
-    return controller

@@ -15,7 +15,7 @@ from ..controllers.stack.controller import PolicyController, plant_of
 from ..dynamics.angles import UPRIGHT
 from ..loop.supervisors.throws import thrown_states
 from ..plant.plant import Plant
-from .analytic_policy_gradient import SCORE_RULES, PolicyGradientSettings, run_episode
+from .analytic_policy_gradient import PolicyGradientSettings, run_episode
 from .distillation_settings import RecoverySettings
 
 STARTS = 8192
@@ -95,12 +95,13 @@ def recovery_cost(
     start = jax.random.randint(start_key, (number,), 0, len(recoveries.starts))
     chosen, on = jax.random.randint(plant_key, (number,), 0, len(recoveries.base)), recoveries.on[start]
     chosen = jnp.where(on < 0, chosen, on)
-    steps = round(settings.duration / SCORE_RULES.dt)
     # The mean gives each recovery this share of its gradient, which the weight of its time down scales.
     limit = PolicyGradientSettings().adjoint_limit * weights.down / number
 
     def one(plant: Plant, base: Float[Array, "9"], start: State) -> Scalar:
-        return weights.cost(run_episode(Scenario(plant), replace(student, base=base), start, steps, limit))
+        return weights.cost(
+            run_episode(Scenario(plant), replace(student, base=base), start, settings.duration, limit)
+        )
 
     plants = jax.tree.map(lambda leaf: leaf[chosen], recoveries.plant)
     costs = jax.vmap(one)(plants, recoveries.base[chosen], recoveries.starts[start])
