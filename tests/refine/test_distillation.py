@@ -18,7 +18,7 @@ from swingup.controllers.stack.policy import Policy
 from swingup.dynamics.dynamics import acceleration, gravity_torque
 from swingup.loop.on_plant import drawn_around, loop_around
 from swingup.plant.base_parameters import base_parameters
-from swingup.plant.plant import LEADERBOARD, NAMES, Plant, load_plant, validated
+from swingup.plant.plant import LEADERBOARD, NAMES, load_plant, validated
 from swingup.plant.robots import get_robot
 from swingup.plant.units import arm_scales, similar_plant
 from swingup.policy.shipped import load_policy
@@ -27,7 +27,7 @@ from swingup.refine.analytic_policy_gradient import single_precision
 from swingup.refine.dataset import STILL, Dataset, _hanging_still
 from swingup.refine.distillation import _behind_one_gear, _joined, distil, new_student, recover
 from swingup.refine.distillation_settings import DistillationSettings, RecoverySettings, plant_scale
-from swingup.refine.plant_draws import SWEEPS, PlantDraws, draw_plants
+from swingup.refine.plant_draws import SWEEPS, PlantDraws, draw_plants, plants_of
 from swingup.refine.recipe import RECOVER_ON_MANY, wrapped_policy
 from swingup.refine.recoveries import PASSING, make_recoveries, recovery_cost
 from swingup.refine.teacher import APART, TOP_COST, School, make_school, make_teachers, matched_torque
@@ -41,10 +41,6 @@ FEW = DistillationSettings(
 
 
 taught = eqx.filter_jit(teaching.taught)
-
-
-def plants_of(drawn):
-    return [Plant(*values) for values in zip(*(getattr(drawn, name).tolist() for name in NAMES), strict=True)]
 
 
 def changes(plant, robot):

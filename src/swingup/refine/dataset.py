@@ -10,13 +10,13 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..common.types import Flag, Key, Scalar, State
 from ..controllers.stack.controller import PolicyController, plant_of
-from ..dynamics.integrate import rk4_steps
+from ..dynamics.integrate import rk4_step
 from ..loop.supervisors.throws import thrown_states
 from ..plant.base_parameters import BASE_NAMES
 from ..plant.plant import Plant
 from ..plant.robots import Robot
 from .distillation_settings import DistillationSettings
-from .teacher import ARRIVED, Teachers, taught, top_cost
+from .teacher import ARRIVED, School, Teachers, taught, top_cost
 
 DT = 0.002
 """Step of the runs (s)."""
@@ -40,26 +40,19 @@ class Dataset(NamedTuple):
     plant: Int[np.ndarray, "n"]
     weight: Float[np.ndarray, "n"]
 
-    def __add__(self, more: "Dataset") -> "Dataset":  # type: ignore[override]  # of tuples
-        """Both, these first."""
-        return Dataset(*(np.concatenate(pair) for pair in zip(self, more, strict=True)))
 
-
-def uniform_states(
-    teachers: Teachers, recovery: PolicyController, settings: DistillationSettings, random: np.random.Generator
-) -> Dataset:
+def uniform_states(school: School, settings: DistillationSettings, random: np.random.Generator) -> Dataset:
     """States from anywhere on all plants."""
     number, size = settings.anywhere, (settings.anywhere, 2)
     rates = random.uniform(0, ANYWHERE_SPEED, (number, 1)) * random.normal(size=size)
     x = np.concatenate([random.uniform(-np.pi, np.pi, size), rates], axis=1).astype(np.float32)
-    plant = random.integers(0, teachers.number, number).astype(np.int32)
+    plant = random.integers(0, school.teachers.number, number).astype(np.int32)
     weight = np.full(number, settings.anywhere_weight, np.float32)
-    return Dataset(x, np.asarray(_answers(teachers, recovery, settings.tube, x, plant)), plant, weight)
+    return Dataset(x, np.asarray(_answers(school, settings.tube, x, plant)), plant, weight)
 
 
 def dagger_rollouts(
-    teachers: Teachers,
-    recovery: PolicyController,
+    school: School,
     student: PolicyController,
     settings: DistillationSettings,
     random: np.random.Generator,
@@ -67,20 +60,17 @@ def dagger_rollouts(
     which: Int[np.ndarray, "plants"],
 ) -> Dataset:
     """The states of runs on these plants; in a share ``own`` of them the student acts, else the teacher."""
-    teachers = jax.tree.map(lambda leaf: leaf[which], teachers)
+    teachers, recovery = jax.tree.map(lambda leaf: leaf[which], school.teachers), school.recovery
     shape = teachers.number, settings.runs
     starts = thrown_states(random, plant_of(recovery), teachers.number * settings.runs).reshape(*shape, 4)
     still = random.uniform(size=shape) < settings.still
     rests = _hanging_still(random, np.asarray(teachers.base), recovery.robot, shape)
     starts = np.where(still[..., None], rests, starts)
     thrown, acts = random.uniform(size=shape) < settings.thrown, random.uniform(size=shape) < own
-    keys = jax.random.split(jax.random.key(int(random.integers(2**31))), shape)
-    rows = _runs(teachers, recovery, student, settings, jnp.float32(starts), thrown, acts, keys)
+    keys = jax.random.split(draw_key(random), shape)
+    rows = _runs(School(teachers, recovery), student, settings, jnp.float32(starts), thrown, acts, keys)
     x, u, distance = map(np.asarray, rows)
-    good = _is_good(x)
-    plant = np.broadcast_to(which.astype(np.int32)[:, None, None], u.shape)
-    weight = np.where(distance < settings.tube, 1.0, settings.outside_weight).astype(np.float32)
-    return Dataset(x[good].reshape(-1, 4), *(each[good].reshape(-1) for each in (u, plant, weight)))
+    return _good_runs(x, u, which, np.where(distance < settings.tube, 1.0, settings.outside_weight))
 
 
 def own_runs(
@@ -92,18 +82,22 @@ def own_runs(
 ) -> Dataset:
     """The states of a policy's own swing-ups of plants, the last of them the nominal one, and its torques there."""
     shape = len(bases), settings.runs
-    keys = jax.random.split(jax.random.key(int(random.integers(2**31))), shape)
+    keys = jax.random.split(draw_key(random), shape)
     x, u = map(np.asarray, _own_runs(student, plants, bases, settings, keys))
-    good = _is_good(x)
-    plant = np.broadcast_to(np.arange(len(bases), dtype=np.int32)[:, None, None], u.shape)
-    x, u, plant = (each[good].reshape(-1, *each.shape[3:]) for each in (x, u, plant))
-    return Dataset(x, u, plant, np.ones(len(u), np.float32))
+    return _good_runs(x, u, np.arange(len(bases)), np.ones_like(u))
 
 
-def _is_good(x: Float[np.ndarray, "plants runs rows 4"]) -> Bool[np.ndarray, "plants runs"]:
-    """Which runs teach."""
-    good: Bool[np.ndarray, "plants runs"] = np.isfinite(x).all((2, 3)) & (np.abs(x[..., 2:]).max((2, 3)) < SPOILT)
-    return good
+def draw_key(random: np.random.Generator) -> Key:
+    """JAX's key for the next random numbers."""
+    return jax.random.key(int(random.integers(2**31)))
+
+
+def _good_runs(x: np.ndarray, u: np.ndarray, which: np.ndarray, weight: np.ndarray) -> Dataset:
+    """The rows (plants, runs, rows) of the runs that teach; ``which`` plants they are of."""
+    good = np.isfinite(x).all((2, 3)) & (np.abs(x[..., 2:]).max((2, 3)) < SPOILT)
+    plant = np.broadcast_to(which.astype(np.int32)[:, None, None], u.shape)
+    rows = x, u, plant, weight.astype(np.float32)
+    return Dataset(*(each[good].reshape(-1, *each.shape[3:]) for each in rows))
 
 
 def _hanging_still(
@@ -118,106 +112,93 @@ def _hanging_still(
     return np.stack([upper, balance - upper, *np.zeros((2, *shape))], axis=-1)
 
 
-def swings_up(student: PolicyController, teachers: Teachers, duration: float) -> Bool[np.ndarray, "plants"]:
+@jax.jit(static_argnames="duration")
+def swings_up(student: PolicyController, teachers: Teachers, duration: float) -> Bool[Array, "plants"]:
     """On which plants a student that is told them comes from hanging to the top within this time (s)."""
-    return np.asarray(_cheapest(student, teachers, round(duration / DT)) < ARRIVED)
-
-
-@jax.jit(static_argnames="steps")
-def _cheapest(student: PolicyController, teachers: Teachers, steps: int) -> Float[Array, "plants"]:
-    """The least cost-to-go at the top that each plant comes to."""
     driven = jnp.array(student.robot.actuation, jnp.float32)
 
-    def one(teacher: Teachers) -> Scalar:
+    def one(teacher: Teachers) -> Flag:
         def step(x: State, _: None) -> tuple[State, Scalar]:
             u = student.control(None, jnp.zeros(()), x, teacher.base)[1] * driven
-            return rk4_steps(teacher.plant, x, u, DT, 1), top_cost(teacher, x)
+            return rk4_step(teacher.plant, x, u, DT), top_cost(teacher, x)
 
-        return jnp.min(jax.lax.scan(step, jnp.zeros(4, jnp.float32), None, steps)[1])
+        return jnp.min(jax.lax.scan(step, jnp.zeros(4, jnp.float32), None, round(duration / DT))[1]) < ARRIVED
 
     return jax.vmap(one)(teachers)
 
 
 @jax.jit
-def _answers(
-    teachers: Teachers, recovery: PolicyController, tube: Scalar, x: Float[Array, "n 4"], plant: Int[Array, "n"]
-) -> Float[Array, "n"]:
+def _answers(school: School, tube: Scalar, x: Float[Array, "n 4"], plant: Int[Array, "n"]) -> Float[Array, "n"]:
     """The teachers' torques in states outside of any run."""
 
     def one(chosen: tuple[State, Int[Array, ""]]) -> Scalar:
         x, index = chosen
-        return taught(jax.tree.map(lambda leaf: leaf[index], teachers), recovery, tube, x)[0]
+        return taught(jax.tree.map(lambda leaf: leaf[index], school.teachers), school.recovery, tube, x)[0]
 
     return jax.lax.map(one, (x, plant), batch_size=256)
 
 
 @jax.jit(static_argnames="settings")
 def _runs(
-    teachers: Teachers,
-    recovery: PolicyController,
+    school: School,
     student: PolicyController,
     settings: DistillationSettings,
     thrown_at: Float[Array, "plants runs 4"],
     thrown: Float[Array, "plants runs"],
     acts: Float[Array, "plants runs"],
     keys: Any,
-) -> tuple[Array, Array, Array]:
+) -> Any:
     """States, the teachers' torques and the distances from the swing-ups, of every ``KEPT``-th step."""
-    joint, driven = recovery.robot.joint, jnp.array(recovery.robot.actuation, jnp.float32)
+    robot = school.recovery.robot
 
     def run(teacher: Teachers, thrown_at: State, thrown: Flag, acts: Flag, key: Key) -> Any:
-        rough_key, start_key, slow_key, noise_key = jax.random.split(key, 4)
-        rough = jax.random.uniform(rough_key) ** 1.5
-        x0 = jnp.where(thrown, thrown_at, _near_swingup(teacher, rough, start_key))
+        def start(rough: Scalar, key: Key) -> State:
+            return jnp.where(thrown, thrown_at, _near_swingup(teacher, rough, key))
 
         def act(x: State, base: Array) -> tuple[Scalar, Any]:
-            u, distance = taught(teacher, recovery, settings.tube, x)
-            own = student.control(None, jnp.zeros(()), x, base)[1][joint]
+            u, distance = taught(teacher, school.recovery, settings.tube, x)
+            own = student.control(None, jnp.zeros(()), x, base)[1][robot.joint]
             return jnp.where(acts, own, u), (x, u, distance)
 
-        ends = teacher.nominal, teacher.base
-        return _noisy_run(act, teacher.plant, ends, x0, rough, settings, driven, slow_key, noise_key)
+        return _noisy_run(act, start, teacher.plant, (teacher.nominal, teacher.base), settings, robot, key)
 
     on_a_plant = jax.vmap(run, in_axes=(None, 0, 0, 0, 0))
-    found: tuple[Array, Array, Array] = jax.vmap(on_a_plant)(teachers, thrown_at, thrown, acts, keys)
-    return found
+    return jax.vmap(on_a_plant)(school.teachers, thrown_at, thrown, acts, keys)
 
 
 @jax.jit(static_argnames="settings")
 def _own_runs(
     student: PolicyController, plants: Plant, bases: Array, settings: DistillationSettings, keys: Any
-) -> tuple[Array, Array]:
+) -> Any:
     """States and the policy's torques when told the plant, of every ``KEPT``-th step of swing-ups."""
-    joint, driven = student.robot.joint, jnp.array(student.robot.actuation, jnp.float32)
+    robot = student.robot
+
+    def start(rough: Scalar, key: Key) -> State:
+        return 0.3 * rough * jnp.array(ROUGH, jnp.float32) * jax.random.normal(key, (4,))
 
     def run(plant: Plant, base: Array, key: Key) -> Any:
-        rough_key, start_key, slow_key, noise_key = jax.random.split(key, 4)
-        rough = jax.random.uniform(rough_key) ** 1.5
-        x0 = 0.3 * rough * jnp.array(ROUGH, jnp.float32) * jax.random.normal(start_key, (4,))
-
         def act(x: State, known: Array) -> tuple[Scalar, Any]:
-            u, told = (student.control(None, jnp.zeros(()), x, each)[1][joint] for each in (known, base))
+            u, told = (student.control(None, jnp.zeros(()), x, each)[1][robot.joint] for each in (known, base))
             return u, (x, told)
 
-        return _noisy_run(act, plant, (bases[-1], base), x0, rough, settings, driven, slow_key, noise_key)
+        return _noisy_run(act, start, plant, (bases[-1], base), settings, robot, key)
 
-    found: tuple[Array, Array] = jax.vmap(jax.vmap(run, in_axes=(None, None, 0)))(plants, bases, keys)
-    return found
+    return jax.vmap(jax.vmap(run, in_axes=(None, None, 0)))(plants, bases, keys)
 
 
 def _noisy_run(
     act: Callable[[State, Array], tuple[Scalar, Any]],
+    start: Callable[[Scalar, Key], State],
     plant: Plant,
     ends: tuple[Array, Array],
-    x0: State,
-    rough: Scalar,
     settings: DistillationSettings,
-    driven: Array,
-    slow_key: Key,
-    noise_key: Key,
+    robot: Robot,
+    key: Key,
 ) -> Any:
     """What ``act`` notes in every ``KEPT``-th step; the θ that it is told goes from one end to the other."""
-    steps = round(settings.duration / DT)
+    rough_key, start_key, slow_key, noise_key = jax.random.split(key, 4)
+    rough = jax.random.uniform(rough_key) ** 1.5
+    steps, driven = round(settings.duration / DT), jnp.array(robot.actuation, jnp.float32)
     # In two of five runs the plant is known at once.
     known_after = settings.slowest * jnp.clip(jax.random.uniform(slow_key, minval=-0.7), 0.0)
 
@@ -228,10 +209,10 @@ def _noisy_run(
         u, row = act(x, ends[0] + known * (ends[1] - ends[0]))
         # The noise ends before the run does: it should come to rest.
         noise = settings.noise * drift * (time < 0.6 * steps * DT)
-        return (rk4_steps(plant, x, u * driven + noise, DT, 1), drift), row
+        return (rk4_step(plant, x, u * driven + noise, DT), drift), row
 
     times, kicks = jnp.arange(steps) * jnp.float32(DT), jax.random.normal(noise_key, (steps, 2))
-    rows = jax.lax.scan(step, (x0, jnp.zeros(2)), (times, kicks))[1]
+    rows = jax.lax.scan(step, (start(rough, start_key), jnp.zeros(2)), (times, kicks))[1]
     return jax.tree.map(lambda row: row[::KEPT], rows)
 
 

@@ -27,16 +27,17 @@ from jaxtyping import Array, Float, Int
 
 from ..areapo.initial import init_actor
 from ..areapo.networks import Actor
-from ..common.types import Key, Scalar, State
+from ..common.types import Key, Scalar
 from ..controllers.baselines.continuation import plant_lqr
 from ..controllers.stack.controller import PolicyController, plant_of
 from ..controllers.stack.policy import Policy
 from ..plant.base_parameters import BASE, base_parameters
-from ..plant.plant import NAMES, Plant
+from ..plant.plant import Plant
 from ..tasks.observation import PendulumStage, PlantStage
 from .analytic_policy_gradient import PolicyGradientSettings, batch_cost, single_precision, with_actor
-from .dataset import Dataset, dagger_rollouts, own_runs, swings_up, uniform_states
+from .dataset import Dataset, dagger_rollouts, draw_key, own_runs, swings_up, uniform_states
 from .distillation_settings import DistillationSettings, plant_scale
+from .plant_draws import plants_of
 from .recoveries import Recoveries, make_recoveries, recovery_cost
 from .teacher import School
 
@@ -72,24 +73,24 @@ def distil(
     student = new_student(schools, settings, random)
     bases = jnp.concatenate([school.teachers.base for school in schools])
     firsts = np.cumsum([0, *(school.teachers.number for school in schools[:-1])])
-    states = [uniform_states(*school, replace(settings, anywhere=each), random) for school in schools]
+    states = [uniform_states(school, replace(settings, anywhere=each), random) for school in schools]
     dataset = _joined(states, firsts)
     for number in range(1, settings.rounds + 1):
         runs = []
-        for teachers, recovery in schools:
-            which, own = np.arange(teachers.number), 0.0
+        for school in schools:
+            which, own = np.arange(school.teachers.number), 0.0
             if number > 1:
-                failing, own = np.flatnonzero(~swings_up(student, teachers, settings.duration)), settings.own
-                replaced = random.uniform(size=which.shape) < settings.failing
+                up, own = swings_up(student, school.teachers, settings.duration), settings.own
+                failing, replaced = np.flatnonzero(~up), random.uniform(size=which.shape) < settings.failing
                 which = np.where(replaced, random.choice(failing, which.shape), which) if len(failing) else which
-            runs.append(dagger_rollouts(teachers, recovery, student, settings, random, own, which))
-        dataset += _joined(runs, firsts)
+            runs.append(dagger_rollouts(school, student, settings, random, own, which))
+        dataset = _joined([dataset, *runs], [0, *firsts])
         longest = number in (1, settings.rounds)
         steps = settings.steps if longest else settings.steps // 2
         rate = settings.learning_rate * (1.0 if number == 1 else 0.6)
         optimiser = optax.adam(optax.cosine_decay_schedule(rate, steps))
         told = partial(progress, f"lessons {number} of {settings.rounds}")
-        student = descend(student, bases, dataset, settings, _key(random), steps, optimiser, told)
+        student = descend(student, bases, dataset, settings, random, steps, optimiser, told)
         tell(student, number)
     if settings.score_steps:
         first = schools[0].teachers
@@ -113,8 +114,7 @@ def recover(
     The plants (leaves of shape (n,)) are in C.1's units. ``tell`` is called as it proceeds and at the end.
     """
     nominal = plant_of(student)
-    each = [Plant(*values) for values in zip(*(getattr(plants, name) for name in NAMES), strict=True)]
-    bases = jnp.float32(np.stack([base_parameters(plant) for plant in [*each, nominal]]))
+    bases = jnp.float32(np.stack([base_parameters(plant) for plant in [*plants_of(plants), nominal]]))
     plants = single_precision(jax.tree.map(np.append, plants, nominal))
     student = single_precision(student)
     dataset, top = own_runs(student, plants, bases, settings, random), plant_lqr(nominal, student.robot)
@@ -141,8 +141,7 @@ def _scored(
     # Gradients through the pendulum are bounded. A drawn plant that is too fast for its time step spoils its batch.
     optimiser = optax.chain(optax.clip_by_global_norm(2.0), optax.adam(schedule))
     optimiser = optax.apply_if_finite(optimiser, max_consecutive_errors=steps)
-    episodes, key = PolicyGradientSettings(duration=settings.score_duration), _key(random)
-    return descend(student, bases, dataset, settings, key, steps, optimiser, told, episodes, recoveries, keep)
+    return descend(student, bases, dataset, settings, random, steps, optimiser, told, True, recoveries, keep)
 
 
 def _in_numpy(student: PolicyController) -> PolicyController:
@@ -163,7 +162,7 @@ def new_student(
         centre[INERTIAL], scale[INERTIAL] = (least + most) / 2, (most - least) / (2 * CLIP)
     sees = PlantStage(jnp.asarray(centre, jnp.float32), jnp.asarray(scale, jnp.float32), clip=CLIP)
     stages = PendulumStage(angles="sincos"), sees
-    actor = init_actor(_key(random), stages[0].size() + BASE, 1, settings.layers, 0.0)
+    actor = init_actor(draw_key(random), stages[0].size() + BASE, 1, settings.layers, 0.0)
     policy = Policy(stages, replace(actor, std_head=None))
     return PolicyController(policy, recovery.torque_limit, recovery.robot, recovery.plant)
 
@@ -178,10 +177,10 @@ def _behind_one_gear(schools: Sequence[School]) -> list[School]:
     return found
 
 
-def _joined(parts: Sequence[Dataset], firsts: Int[np.ndarray, "schools"]) -> Dataset:
-    """What schools teach, whose plants begin at these places."""
+def _joined(parts: Sequence[Dataset], firsts: Sequence[int] | Int[np.ndarray, "parts"]) -> Dataset:
+    """All parts in one, whose plants begin at these places."""
     moved = [part._replace(plant=part.plant + np.int32(at)) for part, at in zip(parts, firsts, strict=True)]
-    return sum(moved[1:], moved[0])
+    return Dataset(*map(np.concatenate, zip(*moved, strict=True)))
 
 
 def descend(
@@ -189,25 +188,25 @@ def descend(
     bases: Float[Array, "plants 9"],
     dataset: Dataset,
     settings: DistillationSettings,
-    key: Key,
+    random: np.random.Generator,
     steps: int,
     optimiser: optax.GradientTransformation,
     told: Callable[[int, int], None],
-    episodes: PolicyGradientSettings | None = None,
+    scored: bool = False,
     recoveries: Recoveries | None = None,
     keep: Callable[[PolicyController], None] = lambda _: None,
 ) -> PolicyController:
     """The student after steps on the squared errors of the torque, a part of them in each compiled call.
 
-    Where there are ``episodes``, the score of the nominal plant's swing-ups counts as well, and ``recoveries``.
-    ``keep`` has the student now and then.
+    If ``scored``, the score of the nominal plant's swing-ups counts as well, and ``recoveries``. ``keep`` has the
+    student now and then.
     """
-    carry, keys = (student.policy.actor, optimiser.init(student.policy.actor)), jax.random.split(key, steps)
-    dataset = jax.tree.map(jnp.asarray, dataset)
+    carry = student.policy.actor, optimiser.init(student.policy.actor)
+    keys, dataset = jax.random.split(draw_key(random), steps), jax.tree.map(jnp.asarray, dataset)
     for number, done in enumerate(range(0, steps, max(1, steps // PARTS)), start=1):
         part = keys[done : done + max(1, steps // PARTS)]
         told(done, steps)
-        carry = _steps(carry, student, bases, dataset, settings, part, optimiser, episodes, recoveries)
+        carry = _steps(carry, student, bases, dataset, settings, part, optimiser, scored, recoveries)
         jax.block_until_ready(carry)
         if number % KEEP == 0:
             keep(with_actor(student, carry[0]))
@@ -215,7 +214,7 @@ def descend(
     return with_actor(student, carry[0])
 
 
-@functools.partial(jax.jit, static_argnames=("settings", "optimiser", "episodes"))
+@functools.partial(jax.jit, static_argnames=("settings", "optimiser", "scored"))
 def _steps(
     carry: tuple[Actor, optax.OptState],
     student: PolicyController,
@@ -224,7 +223,7 @@ def _steps(
     settings: DistillationSettings,
     keys: Any,
     optimiser: optax.GradientTransformation,
-    episodes: PolicyGradientSettings | None,
+    scored: bool,
     recoveries: Recoveries | None,
 ) -> tuple[Actor, optax.OptState]:
     """The student's network after steps on minibatches of the dataset; those from anywhere come first."""
@@ -234,20 +233,17 @@ def _steps(
     count = jnp.array(np.repeat([s.anywhere, len(dataset.u) - s.anywhere], sizes))
     plant, others = plant_of(student), eqx.tree_at(lambda c: c.policy.actor, student, None)
 
-    def observe(x: State, base: Array) -> Array:
-        return student.policy.observe(x, base)
-
     def loss(actor: Actor, key: Key) -> Scalar:
         rows_key, size_key, start_key, recovery_key = jax.random.split(key, 4)
         chosen = first + jax.random.randint(rows_key, first.shape, 0, count)
-        seen = jax.vmap(observe)(dataset.x[chosen], bases[dataset.plant[chosen]])
+        seen = jax.vmap(student.policy.observe)(dataset.x[chosen], bases[dataset.plant[chosen]])
         errors = limit * actor.mode(seen.T)[0] - dataset.u[chosen]
         total = jnp.mean(dataset.weight[chosen] * errors**2)
-        if episodes is None:
+        if not scored:
             return total
         shape = s.score_episodes, 4
         x0 = SPREAD * jax.random.uniform(size_key, (shape[0], 1)) * jax.random.normal(start_key, shape)
-        measures = batch_cost(actor, others, x0, episodes, plant)[1]
+        measures = batch_cost(actor, others, x0, PolicyGradientSettings(duration=s.score_duration), plant)[1]
         if recoveries is not None and s.recoveries is not None:
             total += recovery_cost(with_actor(others, actor), recoveries, s.recoveries, recovery_key)
         # As on the board: without a swing-up there is no score. Hanging still would have the best one.
@@ -260,7 +256,3 @@ def _steps(
 
     after: tuple[Actor, optax.OptState] = jax.lax.scan(step, carry, keys)[0]
     return after
-
-
-def _key(random: np.random.Generator) -> Key:
-    return jax.random.key(int(random.integers(2**31)))

@@ -96,6 +96,11 @@ def draw_plants(
     return stacked
 
 
+def plants_of(batch: Plant) -> list[Plant]:
+    """The plants of a batch, leaves of shape (n,), one by one."""
+    return [Plant(*values) for values in zip(*(getattr(batch, name).tolist() for name in NAMES), strict=True)]
+
+
 def _pendulum(kind: Callable[[int], Plant], index: int) -> Plant:
     """The first draw of a kind that is a pendulum: with a mass matrix as nearly singular as B.0's some are none."""
     while True:

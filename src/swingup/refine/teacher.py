@@ -24,10 +24,11 @@ from ..controllers.stack.maths import JAX
 from ..dynamics.angles import UPRIGHT, wrap_difference
 from ..dynamics.dynamics import acceleration
 from ..plant.base_parameters import base_parameters
-from ..plant.plant import LEADERBOARD, NAMES, Plant, validated
+from ..plant.plant import LEADERBOARD, Plant, validated
 from ..plant.units import C1, scaled, scales_of, similar_plant
 from ..policy.regulator.settings import DRY_KNEE, DRY_SHARE
 from .analytic_policy_gradient import single_precision
+from .plant_draws import plants_of
 
 APART = 4
 """Rows of a swing-up among which the nearest is sought, to one of these: 8 ms."""
@@ -76,8 +77,7 @@ class Teachers(eqx.Module):
 
 def make_teachers(swingups: SwingUps, nominal: Plant = LEADERBOARD) -> Teachers:
     """Teachers for the plants that the swing-ups are of, about a nominal one."""
-    columns = [getattr(swingups.plants, name) for name in NAMES]
-    plants = [validated(Plant(*values)) for values in zip(*columns, strict=True)]
+    plants = [validated(plant) for plant in plants_of(swingups.plants)]
     regulators = [plant_lqr(plant, swingups.robot) for plant in plants]
     centre = base_parameters(nominal.driven(swingups.robot))
     bases = np.stack([base_parameters(plant) for plant in plants])
@@ -87,12 +87,8 @@ def make_teachers(swingups: SwingUps, nominal: Plant = LEADERBOARD) -> Teachers:
     errors = states - UPRIGHT
     errors[..., :2] = wrap_difference(errors[..., :2])
     costs = np.einsum("nri,nij,nrj->nr", errors, cost_to_go, errors)
-    rows = (
-        states,
-        np.where(costs < ARRIVED, COST_WHEN_OVER, 0.0),
-        swingups.torque[:, ::APART],
-        swingups.gains[:, ::APART],
-    )
+    at_rest = np.where(costs < ARRIVED, COST_WHEN_OVER, 0.0)
+    rows = states, at_rest, swingups.torque[:, ::APART], swingups.gains[:, ::APART]
     arrays = bases, np.tile(centre, (len(bases), 1)), *rows, gains, friction, cost_to_go
     teachers: Teachers = single_precision(Teachers(swingups.plants, *arrays))  # type: ignore[arg-type]  # NumPy's
     return teachers
