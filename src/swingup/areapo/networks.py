@@ -112,7 +112,7 @@ class AbstractNetwork(eqx.Module):
     activation: Activation = eqx.field(static=True)
 
     def features(self, observation: Float[Array, "n *batch"]) -> Float[Array, "width *batch"]:
-        """The output of the last hidden layer for normalised observations, which without layers are its own."""
+        """The output of the last hidden layer; without layers the normalised observation itself."""
         for layer in self.trunk:
             observation = ACTIVATIONS[self.activation](layer(observation))
         return observation

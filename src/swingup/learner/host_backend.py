@@ -68,12 +68,12 @@ class HostBackend(AbstractBackend):
         observations = np.zeros(member.observations.shape, np.float32)
         _begin.lower(member, observations).compile()
         noise = np.zeros(_noise.lower(member.actor, member.key, config).compile().out_info.shape[1:], np.float32)
-        latents = _sample.lower(member.actor, observations, noise).compile().out_info.latents
+        drawn = _sample.lower(member.actor, observations, noise).compile().out_info.latents
         for true_next in (None, observations):
             _advance.lower(member.actor, member.statistics, observations, true_next, noise).compile()
         flags, rewards = np.zeros(config.num_envs, np.bool_), np.zeros(config.num_envs, np.float32)
-        chosen = (np.zeros(latents.shape, latents.dtype), rewards)
-        row = (observations, *chosen, rewards, observations, flags, flags, flags)
+        latents = np.zeros(drawn.shape, drawn.dtype)
+        row = (observations, latents, rewards, rewards, observations, flags, flags, flags)
         rollout = _rollout([row] * config.num_steps, self._environments[0].all_count)
         _update.lower(member, rollout, config).compile()
         if not self._scored_by_training:
