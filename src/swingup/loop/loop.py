@@ -52,13 +52,11 @@ class Loop:
     push: Annotated[Number, Range(0.0, LARGEST_NUMBER), TORQUE] = 0.0
     """Largest peak of the one push on the driven joint (N m)."""
     quantum1: Annotated[Number, Range(0.0, 0.1)] = 0.0
-    """Step of the shoulder's measured angle (rad)."""
     quantum2: Annotated[Number, Range(0.0, 0.1)] = 0.0
-    """Step of the elbow's measured angle (rad)."""
+    """Steps of the measured angles of shoulder and elbow (rad)."""
     offset1: Annotated[Number, Range(-1.0, 1.0)] = 0.0
-    """Measured angle of the shoulder where the true one is 0 (rad)."""
     offset2: Annotated[Number, Range(-1.0, 1.0)] = 0.0
-    """Measured angle of the elbow where the true one is 0 (rad)."""
+    """Measured angles of shoulder and elbow where the true ones are 0 (rad)."""
     late: Annotated[Number, Range(0.0, 1.0)] = 0.0
     """Share of periods that are longer than the nominal one."""
     lateness: Annotated[Number, Range(0.0, 0.1)] = 0.0
@@ -66,23 +64,19 @@ class Loop:
     lag: Annotated[Number, Range(0.0, 0.1)] = 0.0
     """Time constant of the motors' first-order lag (s)."""
     gain1: Annotated[Number, Range(0.0, 10.0)] = 1.0
-    """Delivered over asked torque of the shoulder's motor."""
     gain2: Annotated[Number, Range(0.0, 10.0)] = 1.0
-    """Delivered over asked torque of the elbow's motor."""
+    """Delivered over asked torque of the motors of shoulder and elbow."""
     passive_push: Annotated[Number, Range(0.0, LARGEST_NUMBER), TORQUE] = 0.0
     """Largest peak of the one push on the passive joint (N m)."""
     spring1: Annotated[Number, Range(0.0, LARGEST_NUMBER), TORQUE] = 0.0
-    """Stiffness of a spring or cable at the shoulder, relaxed at 0 (N m/rad)."""
     spring2: Annotated[Number, Range(0.0, LARGEST_NUMBER), TORQUE] = 0.0
-    """Stiffness of a spring or cable at the elbow, relaxed at 0 (N m/rad)."""
+    """Stiffness of springs or cables at shoulder and elbow, relaxed at 0 (N m/rad)."""
     load1: Annotated[Number, Range(-LARGEST_NUMBER, LARGEST_NUMBER), TORQUE] = 0.0
-    """Constant torque against positive motion of the shoulder (N m)."""
     load2: Annotated[Number, Range(-LARGEST_NUMBER, LARGEST_NUMBER), TORQUE] = 0.0
-    """Constant torque against positive motion of the elbow (N m)."""
+    """Constant torques against positive motion of shoulder and elbow (N m)."""
     stiction1: Annotated[Number, Range(0.0, LARGEST_NUMBER), TORQUE] = 0.0
-    """Dry friction that the shoulder has at rest alone, beside the plant's (N m)."""
     stiction2: Annotated[Number, Range(0.0, LARGEST_NUMBER), TORQUE] = 0.0
-    """Dry friction that the elbow has at rest alone, beside the plant's (N m)."""
+    """Dry friction that shoulder and elbow have at rest alone, beside the plant's (N m)."""
     compliance2: Annotated[Number, Range(0.0, LARGEST_NUMBER), COMPLIANCE] = 0.0
     """Angle by which the elbow's encoder, on the motor's side, leads the link under torque (rad/(N m))."""
     backlash2: Annotated[Number, Range(0.0, 1.0)] = 0.0

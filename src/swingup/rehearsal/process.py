@@ -113,10 +113,6 @@ class FolderProcess(AbstractContextManager["FolderProcess"]):
 
 
 def _status(code: int) -> str:
-    if code >= 0:
-        return f"with status {code}: correct it there"
-    try:
-        name = signal.Signals(-code).name
-    except ValueError:
-        name = f"signal {-code}"
-    return f"by {name}: correct it there"
+    names = {each.value: each.name for each in signal.Signals}
+    how = f"with status {code}" if code >= 0 else f"by {names.get(-code, f'signal {-code}')}"
+    return f"{how}: correct it there"

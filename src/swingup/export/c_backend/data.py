@@ -184,14 +184,9 @@ def regulator_data(loop: Regulator) -> Data:
 def guard_data(settings: GuardSettings, policy: PendulumPolicy) -> Data:
     """The guard's limits."""
     return {
-        "GUARD_PERIOD": settings.dt,
-        "ANGLE_LIMIT": settings.angle_limit,
-        "VELOCITY_LIMIT": settings.velocity_limit,
-        "GUARD_GAP": settings.longest_gap,
+        **{f"GUARD_{name.upper()}": value for name, value in asdict(settings).items()},
+        "GUARD_TORQUE_RATE": settings.rate(policy.torque_limits[policy.robot.joint]),
         "STANDSTILLS": STANDSTILLS,
-        "STUCK_TIME": settings.stuck_time,
-        "TORQUE_RATE": settings.rate(policy.torque_limits[policy.robot.joint]),
         "PUSHING_SHARE": PUSHING_SHARE,
-        "BRAKING": settings.braking,
         "BRAKED_RATE": BRAKED_MULTIPLE * settings.velocity_limit,
     }

@@ -22,7 +22,7 @@ static inline void swingup_stop(swingup_guard *c, int reason, int joint, double 
 {
     const int motion =
         reason == SWINGUP_GUARD_ANGLE || reason == SWINGUP_GUARD_VELOCITY || reason == SWINGUP_GUARD_TORQUE;
-    c->brakes = motion && SWINGUP_BRAKING > 0.0 && (c->reason == SWINGUP_GUARD_NONE || c->brakes);
+    c->brakes = motion && SWINGUP_GUARD_BRAKING > 0.0 && (c->reason == SWINGUP_GUARD_NONE || c->brakes);
     if (c->reason == SWINGUP_GUARD_NONE) {
         c->reason = reason;
         c->joint = joint;
@@ -34,7 +34,7 @@ static inline void swingup_stop(swingup_guard *c, int reason, int joint, double 
 /* Take in the measurement; stops the controller if it is unsound. */
 static inline void swingup_check(swingup_guard *c, const double x[4], int first)
 {
-    const double borne = c->reason == SWINGUP_GUARD_NONE ? SWINGUP_GUARD_GAP : 0.0;
+    const double borne = c->reason == SWINGUP_GUARD_NONE ? SWINGUP_GUARD_LONGEST_GAP : 0.0;
     double *sample = c->sample;
     int i, finite[2], same[2];
     c->lost = 0;
@@ -57,22 +57,22 @@ static inline void swingup_check(swingup_guard *c, const double x[4], int first)
         }
     }
     for (i = 0; i < 2; i++) {
-        if (fabs(sample[i]) > SWINGUP_ANGLE_LIMIT) {
+        if (fabs(sample[i]) > SWINGUP_GUARD_ANGLE_LIMIT) {
             swingup_stop(c, SWINGUP_GUARD_ANGLE, i, sample[i]);
             return;
         }
-        if (fabs(sample[i + 2]) > SWINGUP_VELOCITY_LIMIT) {
+        if (fabs(sample[i + 2]) > SWINGUP_GUARD_VELOCITY_LIMIT) {
             swingup_stop(c, SWINGUP_GUARD_VELOCITY, i, sample[i + 2]);
             return;
         }
     }
     for (i = 0; i < 2; i++) {
-        if (c->gaps[i] > SWINGUP_GUARD_GAP) {
+        if (c->gaps[i] > SWINGUP_GUARD_LONGEST_GAP) {
             swingup_stop(c, SWINGUP_GUARD_STALE, i, c->gaps[i]);
             return;
         }
     }
-    if (c->stuck > SWINGUP_STUCK_TIME) {
+    if (c->stuck > SWINGUP_GUARD_STUCK_TIME) {
         swingup_stop(c, SWINGUP_GUARD_STALE, SWINGUP_DRIVEN, c->stuck);
     }
 }
@@ -94,11 +94,11 @@ static inline int swingup_allows(swingup_guard *c, double t, const double x[4])
         swingup_stop(c, SWINGUP_GUARD_CLOCK, -1, pause);
         return 0;
     }
-    if (!first && pause > SWINGUP_GUARD_GAP) {
+    if (!first && pause > SWINGUP_GUARD_LONGEST_GAP) {
         swingup_stop(c, SWINGUP_GUARD_LATE, -1, pause);
         return 0;
     }
-    c->step = first || pause == 0.0 ? SWINGUP_GUARD_PERIOD : pause;
+    c->step = first || pause == 0.0 ? SWINGUP_GUARD_DT : pause;
     swingup_check(c, x, first);
     return c->reason == SWINGUP_GUARD_NONE;
 }
@@ -110,14 +110,14 @@ static inline void swingup_stopped(swingup_guard *c, double u[2])
     for (i = 0; i < 2; i++) {
         const double rate = c->sample[i + 2];
         const int sound = c->brakes && fabs(rate) <= SWINGUP_BRAKED_RATE;
-        c->torques[i] = u[i] = sound ? swingup_clip(-SWINGUP_BRAKING * rate, swingup_limits[i]) : 0.0;
+        c->torques[i] = u[i] = sound ? swingup_clip(-SWINGUP_GUARD_BRAKING * rate, swingup_limits[i]) : 0.0;
     }
 }
 
 /* The controller's torques within rate and limits; safe ones if one of them is not finite. */
 static inline void swingup_limited(swingup_guard *c, double u[2])
 {
-    const double change = SWINGUP_TORQUE_RATE * c->step;
+    const double change = SWINGUP_GUARD_TORQUE_RATE * c->step;
     int i;
     for (i = 0; i < 2; i++) {
         if (!swingup_finite(u + i, 1) && c->lost) {

@@ -84,11 +84,6 @@ class IdentifierSettings(Settings):
     spring_deviation: Annotated[float, Range(0.0, 1e3), TORQUE] = 0.0
     """Standard deviation of the stiffness of a spring or cable at each joint, relaxed at 0 (N m/rad)."""
 
-    @property
-    def loads(self) -> bool:
-        """Whether loads of the joints are found at all; without them each call is cheaper."""
-        return self.load_deviation > 0 or self.spring_deviation > 0
-
 
 def span(period: float) -> int:
     """Steps between the three angles of a row, at a period between calls (s)."""
@@ -103,7 +98,9 @@ def commands(period: float, max_delay_steps: int) -> int:
 def prior(plant: Plant, settings: IdentifierSettings | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Mean (n,) and covariance (n, n) of the unknowns before any measurement; n is 17 with loads, else 13."""
     s = settings or IdentifierSettings()
-    loads = (s.load_deviation, s.load_deviation, s.spring_deviation, s.spring_deviation) if s.loads else ()
+    deviations = s.load_deviation, s.load_deviation, s.spring_deviation, s.spring_deviation
+    # Without loads each call is cheaper.
+    loads = deviations if any(deviations) else ()
     size = UNKNOWNS + len(loads)
     mean, covariance = np.zeros(size), np.zeros((size, size))
     mean[:BASE] = base = base_parameters(plant)
