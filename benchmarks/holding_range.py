@@ -26,7 +26,7 @@ def holding_range(parameters: Plant, robot: Robot) -> float:
         robot: which joint is driven.
     """
     plant = dataclasses.replace(parameters, b1=0.0, b2=0.0, cf1=0.0, cf2=0.0)
-    (A,), (B,) = linearised(plant, robot, UPRIGHT[None], np.zeros(1))
+    (A,), (B,), _ = linearised(plant, robot, UPRIGHT[None], np.zeros(1))
     rates, modes = np.linalg.eig(A.T)
     # Without friction the eigenvalues come in real pairs ±λ.
     unstable = rates.real > 0

@@ -144,7 +144,7 @@ def test_both_selections_of_the_papers_runs(run, tmp_path):
 def test_within_the_range_the_largest_torque_turns_the_slowest_mode_back(robot):
     plant, limit = LEADERBOARD.driven(robot), 6.0
     most = runpy.run_path(str(BENCHMARKS / "holding_range.py"))["holding_range"](plant, robot)
-    (A,), (B,) = linearised(plant, robot, UPRIGHT[None], np.zeros(1))
+    (A,), (B,), _ = linearised(plant, robot, UPRIGHT[None], np.zeros(1))
     # Of both unstable modes, the one with the least |w b| / λ.
     rates, modes = np.linalg.eig(A.T)
     scaled = np.abs(B @ (modes / modes[0])) * limit

@@ -16,8 +16,12 @@ from swingup.benchmark.rollout import Scenario
 from swingup.benchmark.runner import run_one
 from swingup.controllers.baselines import baselines, continuation, dry_friction
 from swingup.controllers.baselines.baselines import baseline, design_of, shipped_reference
-from swingup.controllers.baselines.continuation import accepted, continue_swingups, nominal_swingups
-from swingup.controllers.baselines.continuation_settings import ContinuationSettings
+from swingup.controllers.baselines.continuation import (
+    ContinuationSettings,
+    accepted,
+    continue_swingups,
+    nominal_swingups,
+)
 from swingup.controllers.baselines.dry_friction import holding_lqr, linear_friction
 from swingup.controllers.baselines.lqr import upright_lqr
 from swingup.controllers.baselines.optimal import OPTIMAL_SETTINGS

@@ -47,9 +47,8 @@ def designed(plant, robot):
 
     The latter fades by a millionth in each.
     """
-    h, (other,) = chosen.RICCATI_STEP, [each for each in ROBOTS.values() if each != robot]
-    (A,), (B,) = linearised(linear_friction(plant), robot, UPRIGHT[None], np.zeros(1))
-    D = linearised(linear_friction(plant), other, UPRIGHT[None], np.zeros(1))[1][0]
+    h = chosen.RICCATI_STEP
+    (A,), (B,), (D,) = linearised(linear_friction(plant), robot, UPRIGHT[None], np.zeros(1))
     held = h * np.eye(4) + 0.5 * h**2 * A
     a = np.block([[np.eye(4) + held @ A, held @ D[:, None]], [np.zeros(4), 1 - 1e-6]])
     b, weight = np.append(held @ B, 0.0), h * TORQUE_WEIGHT

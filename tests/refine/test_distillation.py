@@ -11,8 +11,7 @@ import pytest
 from policies import lone_policy, new_actor
 from swingup.benchmark.boards import ROBUSTNESS
 from swingup.benchmark.grid import make_cases
-from swingup.controllers.baselines.continuation import nominal_swingups
-from swingup.controllers.baselines.continuation_settings import ContinuationSettings
+from swingup.controllers.baselines.continuation import ContinuationSettings, nominal_swingups
 from swingup.controllers.stack.controller import PolicyController, policy_alone
 from swingup.controllers.stack.policy import Policy
 from swingup.dynamics.dynamics import acceleration, gravity_torque

@@ -44,10 +44,7 @@ def acceleration(plant: Plant, x: State, u: Torque) -> Float[Array, "2"]:
     sin2, cos2 = sine_cosine(q2)
     sines, losses = (sine_cosine(q1)[0], sin2, sine_cosine(q1 + q2)[0]), friction_torques(plant, x)
     # A vector: for two scalars XLA computes all sines twice, which doubles the time in double precision.
-    found: Float[Array, 2] = equations.acceleration(
-        lump(plant), sines, cos2, (dq1, dq2), u, losses, stack=jnp.array
-    )
-    return found
+    return equations.acceleration(lump(plant), sines, cos2, (dq1, dq2), u, losses, stack=jnp.array)
 
 
 def derivative(plant: Plant, x: State, u: Torque) -> State:

@@ -105,8 +105,7 @@ def by_speed(windows: Segments, errors: Float[np.ndarray, "windows outputs 4"]) 
 
 def fastest_speeds(windows: Segments, outputs: int) -> Float[np.ndarray, "windows"]:
     """The largest speed of a joint in each window up to an output (rad/s)."""
-    speeds: np.ndarray = np.abs(windows.states[:, : outputs + 1, 2:]).max(axis=(1, 2), initial=0.0)
-    return speeds
+    return np.abs(windows.states[:, : outputs + 1, 2:]).max(axis=(1, 2), initial=0.0)
 
 
 def predicted_curves(setting: Integration, model: Float[np.ndarray, "15"], windows: Segments) -> Segments:

@@ -102,7 +102,7 @@ def _tail(session: int) -> str:
 
 def _entries(unknowns: Unknowns, z: np.ndarray) -> np.ndarray:
     """The models of solutions, with A - B for A."""
-    entries: np.ndarray = unknowns.models(z)
+    entries = unknowns.models(z)
     entries[..., INDEX["A"]] -= entries[..., INDEX["B"]]
     return entries
 

@@ -54,16 +54,14 @@ def _acceleration(
     (sin1, _), (sin2, cos2) = maths.sine_cosine(angles[0]), maths.sine_cosine(angles[1])
     sines = sin1, sin2, maths.sine_cosine(angles[0] + angles[1])[0]
     if friction is None:
-        free: Pair = equations.acceleration(plant, sines, cos2, rates, torques)
-        return free
+        return equations.acceleration(plant, sines, cos2, rates, torques)
     (b1, b2), (cf1, cf2) = friction
     slope1, loss1 = _linear(b1, cf1, rates[0], first[0], maths.arctan)
     slope2, loss2 = _linear(b2, cf2, rates[1], first[1], maths.arctan)
     # h D adds to the diagonal of M, where rotor inertia stands: `reflected` in M11 and M22, `rotor` in M11 alone.
     drag1, drag2 = step * slope1, step * slope2
     dragged = Lumped(*plant[:5], plant.reflected + drag2, plant.geared, plant.rotor + (drag1 - drag2))
-    found: Pair = equations.acceleration(dragged, sines, cos2, rates, torques, (loss1, loss2))
-    return found
+    return equations.acceleration(dragged, sines, cos2, rates, torques, (loss1, loss2))
 
 
 def _linear(b: Number, cf: Number, rate: Number, start: Number, arctan: Callable[[Any], Any]) -> Pair:

@@ -16,8 +16,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..common.types import Scalar, State
-from ..controllers.baselines.continuation import SwingUps, continue_swingups, nominal_swingups, plant_lqr
-from ..controllers.baselines.continuation_settings import ContinuationSettings
+from ..controllers.baselines.continuation import (
+    ContinuationSettings,
+    SwingUps,
+    continue_swingups,
+    nominal_swingups,
+    plant_lqr,
+)
 from ..controllers.baselines.dry_friction import friction_gain
 from ..controllers.stack.controller import PolicyController, plant_of
 from ..controllers.stack.maths import JAX

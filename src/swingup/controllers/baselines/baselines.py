@@ -21,7 +21,7 @@ from ..swingups.reference import Reference, load_reference
 from .dry_friction import HAND_OVER, holding_lqr, passive_friction
 from .mpc import mpc
 from .optimal import OPTIMAL_SETTINGS, Optimal
-from .own_units import in_own_units, optimal_for, published_for
+from .own_units import InOwnUnits, optimal_for, published_for
 from .published import PUBLISHED_SETTINGS, Published
 from .switch import LatchingSwitch
 from .tracking import riccati_controller, tvlqr
@@ -105,7 +105,8 @@ def baseline(name: str, robot: Robot | str, plant: PlantLike = LEADERBOARD) -> A
     # C.1's own units need no conversion, and its published controllers stay as they are, bit for bit.
     if design.shipped and not (driven.cf1 or driven.cf2):
         return designed
-    return in_own_units(designed, driven, robot, design.scales)
+    limit, coulomb = float(driven.limit(robot.joint)), float((driven.cf1, driven.cf2)[robot.joint])
+    return InOwnUnits(designed, limit, coulomb, design.scales, robot)
 
 
 def _designed(name: str, design: Design) -> AbstractController[Any]:

@@ -11,7 +11,7 @@ another swing-up may exist. Steps are single ones of RK4, so that stiff Coulomb 
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import equinox as eqx
@@ -22,15 +22,15 @@ from jaxtyping import Float
 from ...common.errors import SwingupError
 from ...common.types import Scalar
 from ...dynamics.angles import UPRIGHT
+from ...plant.equations import StateFloats
 from ...plant.plant import LEADERBOARD, NAMES, Plant, validated
 from ...plant.robots import Robot, get_robot
 from ...plant.units import DAMPING, STATE, TIME, TORQUE
 from ..swingups.design import followed, motion, solve_from_rest
-from ..swingups.ilqr import feedback_gains
+from ..swingups.ilqr import ILQRSettings, feedback_gains
 from ..swingups.reference import Reference
 from ..swingups.transition import PendulumTransition
 from .baselines import design_of, reaches_upright
-from .continuation_settings import ContinuationSettings, next_step
 from .dry_friction import linear_friction
 from .lqr import LQR, LQRSettings, upright_lqr
 from .optimal import OPTIMAL_SETTINGS
@@ -39,6 +39,57 @@ from .tracking import riccati_controller
 
 TOP_WEIGHTS = LQRSettings(state_weights=(1.0, 1.0, 0.1, 0.1), torque_weight=1.0, max_cost_to_go=1000.0)
 """The best of those that were tried, with ``dry_friction.linear_friction`` (``benchmarks/README.md``)."""
+
+_SOLVER = ILQRSettings(
+    # A step needs no more precision: the next one starts from its end.
+    max_iterations=25,
+    tolerance=1e-4,
+    regularisation=1e-3,
+    min_regularisation=1e-9,
+    max_regularisation=1e10,
+    torque_limit=2e3,  # N m/s: of the rate, which is the input here
+    decrease=0.3,
+    increase=4.0,
+    step_sizes=(1.0, 0.3, 0.1, 0.03),
+)
+
+
+@dataclass(frozen=True)
+class ContinuationSettings:
+    """How plants move, and which swing-ups count."""
+
+    extra: float = 0.2
+    """Time after the nominal swing-up (s): other plants need longer to come to rest."""
+    final: StateFloats = (20.0, 20.0, 1.0, 1.0)
+    """On squared errors of the last angles (rad) and velocities (rad/s). They are softer than the problem's own,
+    since a regulator takes over there."""
+    gain_weights: StateFloats = (0.2, 0.2, 0.02, 0.02)
+    """Added to the state's weights for the gains: the cost has no weight on q2, so that its own gains are weak."""
+    gain_final: StateFloats = (10.0, 10.0, 1.0, 1.0)
+    """Final weights for the gains. Larger ones make the gains near the end so large that steps fail."""
+    first_step: float = 0.1
+    """First step of λ."""
+    largest_step: float = 0.1
+    """Longer steps leap to other motions, of twice the cost."""
+    smallest_step: float = 0.01
+    """A plant whose step falls below this is given up."""
+    growth: float = 1.5
+    """A step is multiplied by this after a swing-up that counts."""
+    shrinkage: float = 0.4
+    """A step is multiplied by this after one that does not."""
+    rounds: int = 40
+    """Most steps of a plant, failed ones included."""
+    max_cost: float = 0.25
+    """A swing-up of larger cost does not count: it is another motion than the nominal one, whose cost is 0.15."""
+    max_speed: float = 14.0
+    """A swing-up with a faster joint does not count (rad/s): it spins where the nominal one swings."""
+    max_error: StateFloats = (0.15, 0.15, 0.7, 0.7)
+    """A swing-up that ends farther from upright at rest does not count (rad, rad/s): no regulator
+    reaches it."""
+    batch: int = 64
+    """Plants side by side in a call. Smaller calls are filled up: all share one compilation."""
+    solver: ILQRSettings = _SOLVER
+
 
 HAND_OVER = ContinuationSettings().max_error
 """|errors| below which the LQR takes over (rad, rad/s): no accepted swing-up ends farther away. A third and two
@@ -110,7 +161,8 @@ def continue_swingups(
             part = pending[start : start + settings.batch]
             tried = _try_step(found, part, steps[part], targets, settings, nominal)
             good = accepted(tried, settings)
-            steps[part] = next_step(steps[part], good, settings)
+            grown = np.minimum(steps[part] * settings.growth, settings.largest_step)
+            steps[part] = np.where(good, grown, steps[part] * settings.shrinkage)
             for rows, new in zip(*map(jax.tree.leaves, (found, tried)), strict=True):
                 rows[part[good]] = new[good]
     return found

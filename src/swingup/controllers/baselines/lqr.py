@@ -18,7 +18,7 @@ from ...common.types import Scalar, State, Torque
 from ...dynamics.angles import UPRIGHT, wrap
 from ...dynamics.dynamics import linearise
 from ...plant.plant import Plant
-from ...plant.robots import ROBOTS, Robot
+from ...plant.robots import Robot
 from ..interface.controller import AbstractController, joint_torques
 
 
@@ -66,7 +66,7 @@ class LQR(AbstractController[None]):
 
 def upright_lqr(parameters: Plant, robot: Robot, settings: LQRSettings) -> LQR:
     """The regulator of the pendulum linearised upright at rest."""
-    A, B = linearised(parameters, robot, UPRIGHT[None], np.zeros(1))
+    A, B, _ = linearised(parameters, robot, UPRIGHT[None], np.zeros(1))
     S = solve_continuous_are(A[0], B[0][:, None], np.diag(settings.state_weights), [[settings.torque_weight]])
     limit = float(parameters.limit(robot.joint))
     return LQR(B[0] @ S / settings.torque_weight, S, settings.max_cost_to_go, limit, robot)
@@ -77,9 +77,7 @@ def disturbance_gain(parameters: Plant, regulator: LQR) -> float:
 
     With ė = A e + B u + D f the costate is S e + s f, (A - B K)ᵀ s = -S D, and κ the gain of s as K is that of S.
     """
-    (other,) = (robot for robot in ROBOTS.values() if robot != regulator.robot)
-    (A,), (B,) = linearised(parameters, regulator.robot, UPRIGHT[None], np.zeros(1))
-    _, (D,) = linearised(parameters, other, UPRIGHT[None], np.zeros(1))
+    (A,), (B,), (D,) = linearised(parameters, regulator.robot, UPRIGHT[None], np.zeros(1))
     K, S = regulator.gains, regulator.cost_to_go
     # r, from K = Bᵀ S / r: a regulator does not keep the weights that it was designed with.
     weight = (B @ S @ B) / (K @ B)
@@ -88,12 +86,15 @@ def disturbance_gain(parameters: Plant, regulator: LQR) -> float:
 
 def linearised(
     parameters: Plant, robot: Robot, states: Float[np.ndarray, "n 4"], torque: Float[np.ndarray, "n"]
-) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, "n 4"]]:
-    """Continuous-time A = ∂ẋ/∂x and B = ∂ẋ/∂u of rows of states and the driven joint's torques."""
+) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, "n 4"], Float[np.ndarray, "n 4"]]:
+    """Continuous-time A = ∂ẋ/∂x, B = ∂ẋ/∂u and D = ∂ẋ/∂f of rows of states and torques.
+
+    u is the driven joint's torque, f a torque on the undriven one.
+    """
     with jax.enable_x64(True):
         u = jnp.asarray(torque)[:, None] * jnp.array(robot.actuation)
-        A, B = _linearise_rows(parameters, jnp.asarray(states), u)
-        return np.asarray(A), np.asarray(B)[:, :, robot.joint]
+        A, B = map(np.asarray, _linearise_rows(parameters, jnp.asarray(states), u))
+        return A, B[:, :, robot.joint], B[:, :, 1 - robot.joint]
 
 
 # One function for all plants, which JAX compiles once for each number of rows.

@@ -13,7 +13,6 @@ import jax.numpy as jnp
 
 from ...common.types import State, Torque
 from ...plant.equations import COULOMB_STEEPNESS
-from ...plant.plant import Plant
 from ...plant.robots import Robot
 from ...plant.units import STATE, TIME, TORQUE, Scales, scaled
 from ..interface.controller import AbstractController, joint_torques
@@ -84,7 +83,10 @@ def in_real_units(reference: Reference, scales: Scales) -> Reference:
 
 
 class InOwnUnits(AbstractController[tuple[Time, Any]]):
-    """A controller of the similar pendulum, which sees the plant's state and time in C.1's units."""
+    """A controller of the similar pendulum without friction of its driven joint, for the plant itself.
+
+    It sees the plant's state and time in C.1's units.
+    """
 
     controller: AbstractController[Any]
     limit: float
@@ -108,9 +110,3 @@ class InOwnUnits(AbstractController[tuple[Time, Any]]):
         torque = self.scales.scaled(u[joint], TORQUE) + self.coulomb * jnp.arctan(COULOMB_STEEPNESS * x[2 + joint])
         # Neither the compensation nor the units' rounding may exceed the limit.
         return (begun, inner), joint_torques(torque, self.robot, self.limit)
-
-
-def in_own_units(controller: AbstractController[Any], plant: Plant, robot: Robot, scales: Scales) -> InOwnUnits:
-    """The controller of a similar pendulum without friction of the driven joint, for the plant itself."""
-    limit, coulomb = float(plant.limit(robot.joint)), float((plant.cf1, plant.cf2)[robot.joint])
-    return InOwnUnits(controller, limit, coulomb, scales, robot)

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from ...common.types import Scalar, State, Torque
 from ...dynamics.angles import wrap_difference
 from ...plant.plant import Plant
-from ...plant.robots import ROBOTS, Robot
+from ...plant.robots import Robot
 from ..interface.controller import AbstractController, joint_torques
 from ..swingups.reference import Reference
 from .dry_friction import KNEE, STATE_WEIGHT, TORQUE_WEIGHT
@@ -85,15 +85,13 @@ def tvlqr(
     of the fit. Coulomb friction of the passive joint (N m), which the trajectory lacks, counts as a disturbance
     whose sign is that of the trajectory's velocity.
     """
-    A, B = linearised(parameters, robot, reference.states, reference.torque)
+    A, B, D = linearised(parameters, robot, reference.states, reference.torque)
     # Forward Euler, as the published TVLQR discretises.
     dt, u, disturbances, (Q, R, Qf) = reference.dt, reference.torque, None, weights
     if friction:
         # Firmer than the published ones, whose trajectory friction would leave.
         Q, R = STATE_WEIGHT * Q, TORQUE_WEIGHT * R
-        (other,) = (each for each in ROBOTS.values() if each != robot)
-        _, D = linearised(parameters, other, reference.states, np.zeros_like(u))
-        rates = reference.states[:, 2 + other.joint]
+        rates = reference.states[:, 3 - robot.joint]
         # Friction is cf π/2 at most, and so is this.
         disturbances = -dt * friction * np.arctan(KNEE * rates)[:, None] * D
     gains, against = riccati_recursion(np.eye(4) + dt * A, dt * B, Q, R, Qf, disturbances)

@@ -85,16 +85,14 @@ def _without_leverage(normal: np.ndarray, gradient: np.ndarray, prior: np.ndarra
     factor = 1.0 / (1.0 - np.minimum(leverage, LARGEST_LEVERAGE))
     spread = root @ (vectors * factor[:, None]) @ np.swapaxes(vectors, 1, 2) @ inverse
     corrected = np.einsum("bij,bkj->bki", spread, gradient)
-    shift: np.ndarray = corrected - (corrected.sum(axis=(0, 1)) + pull) / corrected[..., 0].size
-    return shift
+    return corrected - (corrected.sum(axis=(0, 1)) + pull) / corrected[..., 0].size
 
 
 def _step(matrix: np.ndarray, slope: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """The least of ½ δᵀ matrix δ + slopeᵀ δ within bounds."""
     # Most draws keep the bounds by themselves, and this is far faster than the bounded problem.
-    step: np.ndarray = np.linalg.solve(matrix, -slope)
+    step = np.linalg.solve(matrix, -slope)
     if np.all((step >= low) & (step <= high)):
         return step
     root = np.linalg.cholesky(matrix)
-    bounded: np.ndarray = lsq_linear(root.T, -np.linalg.solve(root, slope), (low, high)).x
-    return bounded
+    return lsq_linear(root.T, -np.linalg.solve(root, slope), (low, high)).x

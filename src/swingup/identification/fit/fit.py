@@ -203,5 +203,4 @@ def _solve(evaluate: Evaluator, z: np.ndarray, stage: FitStage) -> np.ndarray:
     )
     # The next stage has to start strictly within the bounds.
     inner = 1e-6 * (unknowns.high - unknowns.low)
-    found: np.ndarray = np.clip(solution.x, unknowns.low + inner, unknowns.high - inner)
-    return found
+    return np.clip(solution.x, unknowns.low + inner, unknowns.high - inner)

@@ -34,8 +34,7 @@ def turn(axis: Vector, angle: float) -> np.ndarray:
     """The rotation by an angle (rad) about a unit vector, by Rodrigues' formula."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turned: np.ndarray = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * (cross @ cross)
-    return turned
+    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * (cross @ cross)
 
 
 def unit(vector: Vector, where: str) -> Vector:
