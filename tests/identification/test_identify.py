@@ -3,6 +3,7 @@
 import itertools
 import json
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from refusals import refusal
 from swingup.identification.fit import bootstrap, prediction
 from swingup.identification.fit.fit import Evaluator, linearise
 from swingup.identification.fit.prediction import INDEX, integration_of, vector_of
-from swingup.identification.fit.unknowns import expectations, make_unknowns
+from swingup.identification.fit.unknowns import Problem
 from swingup.loop.domain import load_domain
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.plant import load_plant
@@ -129,12 +130,11 @@ def test_a_block_that_knows_everything_moves_no_draw_far():
 
 
 def test_a_known_gain_is_that_of_both_motors():
-    vector = vector_of(TRUTH)
-    expected = expectations(integration_of(TRUTH), vector, commanded=True)
-    unknowns = make_unknowns([expected] * 2, vector, [["m2r2"], ["m2r2", "gain1"]], {"gain1": 0.8}, [0, 1])
-    assert unknowns.entries.tolist() == [INDEX["m2r2"]]
-    gains = [INDEX["gain1"], INDEX["gain2"]]
-    np.testing.assert_array_equal(unknowns.models(np.zeros(1))[:, gains], 0.8)
+    log = SimpleNamespace(driven=(True, False), commanded=True)
+    problem = Problem(integration_of(TRUTH), vector_of(TRUTH), [log, log], [0, 1], {"gain1": 0.8})
+    unknowns, gains = problem.unknowns(plant=True), [INDEX["gain1"], INDEX["gain2"]]
+    assert not {*gains} & {*unknowns.entries.tolist()}
+    np.testing.assert_array_equal(unknowns.models(unknowns.start)[:, gains], 0.8)
 
 
 def test_columns_of_another_sign_are_named(tmp_path, logs):

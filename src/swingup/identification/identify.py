@@ -17,10 +17,10 @@ from ..plant.plant import Plant, PlantLike, load_plant
 from ..plant.save import representative, save_plant
 from .fit.bootstrap import draw_solutions
 from .fit.conventions import check_columns, mass_notes
-from .fit.fit import Fit, fit_all, fit_start, pulled, refit
+from .fit.fit import WARM_STAGES, Fit, fit, fit_all, fit_start, pulled
 from .fit.prediction import NAMES, Integration, integration_of, vector_of
-from .fit.problem import Problem, known_entries, session_numbers
 from .fit.scoring import Errors, hold_out, prediction_errors, score_windows, summarise
+from .fit.unknowns import Problem, known_entries, session_numbers
 from .log.recording import Recording, read_recording, sensors
 from .log.segments import FIT_LENGTH, Segments, cut_windows, join
 from .plant_domain import domain_of
@@ -135,7 +135,9 @@ def identify(
     share = _best_share(setting, solution, start_models, judged, numbers)
     # The parameters that are handed out use all motion; the errors stay those of the fit that did not see what it
     # is judged on.
-    final = solution if tests or not len(kept) else refit(problem, windows, solution)
+    final = solution
+    if not tests and len(kept):
+        final = fit(setting, windows, solution.unknowns, solution.z, WARM_STAGES)
     share = min(share, _possible_share(final, start_fit, plant))
     solution = pulled(problem, kept, solution, start_fit, share)
     final = pulled(problem, windows, final, start_fit, share)

@@ -16,8 +16,8 @@ from ..loop.domain import Domain
 from ..loop.loop import LOOP_DT
 from .fit.fit import fit_start
 from .fit.prediction import INDEX, NAMES, Integration, in_loop, integration_of, predict, vector_of
-from .fit.problem import LATENCY, Problem
 from .fit.scoring import ErrorRow, Errors, error_row, prediction_errors, score_windows, summarise
+from .fit.unknowns import LATENCY, Problem
 from .log.recording import Recording
 from .log.segments import FIT_LENGTH, INTERVAL, Segments, cut_windows
 from .log.smoothing import REACH, smooth

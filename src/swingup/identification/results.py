@@ -8,8 +8,7 @@ from jaxtyping import Float
 
 from ..plant.base_parameters import BASE_NAMES
 from .fit.prediction import INDEX, NAMES
-from .fit.problem import Problem
-from .fit.unknowns import MASSES, Unknowns
+from .fit.unknowns import MASSES, Problem, Unknowns
 from .log.recording import Recording
 
 TITLES = {

@@ -12,8 +12,8 @@ from ..benchmark.log_comparison import ClosedLoop, Comparison
 from ..benchmark.result import Result
 from ..benchmark.rollout import Trajectory
 from ..identification.fit.prediction import INDEX
-from ..identification.fit.problem import LATENCY
 from ..identification.fit.scoring import LENGTH, ErrorRow, prediction_errors
+from ..identification.fit.unknowns import LATENCY
 from ..identification.identify import Identification
 from ..identification.log.recording import Recording
 from ..identification.log.segments import INTERVAL, Segments

@@ -168,8 +168,6 @@ def _within_limits(
     for strength in STRENGTHS:
         rest = np.zeros((*motions.shape[:2], 2))
         middle = simulate(setting, models[:1], Sequences(rest, strength * motions, feedback, torque), keep=True)
-        assert middle.torque is not None
-        assert middle.states is not None
         sequences = Sequences(middle.torque[:, 0], middle.states[:, 0], played, torque)
         reached = simulate(setting, models, sequences)
         angle, speed = reached.angle.max(axis=1), reached.speed.max(axis=1)

@@ -45,10 +45,10 @@ class Rollouts(NamedTuple):
     """Largest angle of a joint (rad); infinite where the motion diverged."""
     speed: Float[np.ndarray, "sequences plants"]
     """Largest speed of a joint (rad/s); infinite where the motion diverged."""
-    states: Float[np.ndarray, "sequences plants rows 4"] | None
-    """Before each row, where they are kept."""
-    torque: Float[np.ndarray, "sequences plants rows 2"] | None
-    """Commands (N m), where they are kept."""
+    states: Float[np.ndarray, "sequences plants rows 4"]
+    """Before each row; empty where they are not kept."""
+    torque: Float[np.ndarray, "sequences plants rows 2"]
+    """Commands (N m); empty where they are not kept."""
 
 
 def simulate(
@@ -66,8 +66,7 @@ def simulate(
     found = in_chunks(LANES, len(which), run)
     parts = [part.reshape(count, plants, *part.shape[1:]) for part in found]
     reached = [np.nan_to_num(part, nan=np.inf) for part in parts[:2]]
-    kept = [np.nan_to_num(part, nan=0.0) for part in parts[2:]] if keep else [None, None]
-    return Rollouts(*reached, *kept)
+    return Rollouts(*reached, *map(np.nan_to_num, parts[2:]))
 
 
 @functools.lru_cache(maxsize=4)
@@ -88,7 +87,7 @@ def _compiled(setting: Integration, keep: bool) -> Callable[..., Any]:
                 x = implicit_step(plant, friction, x, (acting[0], acting[1]), setting.step, setting.steepness)
             angle = jnp.maximum(angle, jnp.maximum(jnp.abs(x[0]), jnp.abs(x[1])))
             speed = jnp.maximum(speed, jnp.maximum(jnp.abs(x[2]), jnp.abs(x[3])))
-            return (x, angle, speed), (before, u) if keep else ()
+            return (x, angle, speed), (before, u) if keep else (before[:0], u[:0])
 
         zero = jnp.zeros(())
         (_, angle, speed), kept = jax.lax.scan(row, ((zero,) * 4, zero, zero), (torque, reference))

@@ -21,10 +21,9 @@ from ..log.log_checks import slopes_of
 from ..log.recording import Recording
 from ..log.segments import Segments
 from .prediction import INDEX, Integration
-from .problem import KNOWN_NAMES, Problem
 from .regression import AS_IS, LEAST_SPANS, Reading, Solution, cut_spans, regress
 from .scoring import prediction_skill
-from .unknowns import MASSES
+from .unknowns import KNOWN_NAMES, MASSES, Problem
 
 LIKELIER_COST = math.log(2.0)
 """Difference of costs from which another reading is named: real logs have at most log 1.4."""
@@ -191,14 +190,14 @@ def _name_unit(scan: "_Scan", best: Sequence[Convention], probe: Convention) -> 
     """A convention; a probe of the torques' unit with the unit that fits the starting plant's masses best."""
     if probe.group != "unit of torque":
         return probe
-    joints, (setting, spans, start, driven) = np.diag(probe.torques) < 1.0, scan.given
+    joints = np.diag(probe.torques) < 1.0
     others = [each for each in best if each is not probe]
 
     def sized(size: float) -> Convention:
         return probe._replace(torques=np.diag(np.where(joints, size, 1.0)))
 
     def cost(size: float) -> float:
-        return regress(setting, spans, start, driven, scan.reading([*others, sized(size)]), 1, largest=1.001).cost
+        return regress(*scan.given, scan.reading([*others, sized(size)]), 1, largest=1.001).cost
 
     size = min(SIZES, key=cost)
     units = {
@@ -248,8 +247,7 @@ class _Scan:
         found = self.solved.get(key.tobytes())
         # Pairs are solved for one age alone: such a solution does not serve where all ages are asked for.
         if found is None or ages > 1:
-            setting, spans, start, driven = self.given
-            found = self.solved[key.tobytes()] = regress(setting, spans, start, driven, reading, ages)
+            found = self.solved[key.tobytes()] = regress(*self.given, reading, ages)
         return found
 
 

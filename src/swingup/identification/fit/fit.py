@@ -18,9 +18,8 @@ from scipy.optimize import least_squares
 
 from ..log.segments import Segments, join
 from .prediction import INDEX, Integration, predict_with_jacobian
-from .problem import Problem
 from .regression import cut_spans, regress
-from .unknowns import Unknowns
+from .unknowns import Problem, Unknowns
 
 
 @dataclass(frozen=True)
@@ -80,11 +79,6 @@ def fit_all(problem: Problem, windows: Segments, start: Float[np.ndarray, "sessi
     evaluate = Evaluator(problem.setting.coarse, windows, unknowns)
     costs = [start_cost(evaluate, z) for z in candidates]
     return fit(problem.setting, windows, unknowns, candidates[int(np.argmin(costs))])
-
-
-def refit(problem: Problem, windows: Segments, before: Fit) -> Fit:
-    """Fit again with more windows, from a solution."""
-    return fit(problem.setting, windows, before.unknowns, before.z, WARM_STAGES)
 
 
 def pulled(

@@ -26,7 +26,7 @@ from ..log.recording import Recording
 from ..log.segments import LEAST_SPEED, Segments, cut
 from ..log.smoothing import REACH
 from .prediction import INDEX, Integration
-from .unknowns import MASSES, expectations
+from .unknowns import expectations
 
 SPAN = 0.05
 """Time over which momenta change (s)."""
@@ -192,12 +192,11 @@ class _Problem:
 def _expected(setting: Integration, start: np.ndarray, driven: bool, largest: float) -> tuple[np.ndarray, ...]:
     """Bounds, centres and spreads of the base parameters."""
     rows = expectations(setting, start, commanded=True)
-    centre = np.array([rows[name].centre for name in BASE_NAMES])
-    spread = np.array([rows[name].scale for name in BASE_NAMES])
+    centre, spread = np.array([(rows[name].centre, rows[name].scale) for name in BASE_NAMES]).T
     spread[:4] *= MASS_SPREAD
-    masses = [name in MASSES[:4] for name in BASE_NAMES]
-    low = np.where(masses, centre / largest, 0.0)
-    high = np.where(masses, centre * largest, np.inf)
+    # Masses and inertias come first, frictions and rotors after them.
+    low, high = np.zeros(BASE), np.full(BASE, np.inf)
+    low[:4], high[:4] = centre[:4] / largest, centre[:4] * largest
     if not driven:
         # Without torques the equations give ratios alone: this parameter stays. The solver refuses equal bounds.
         k = INDEX["k"]

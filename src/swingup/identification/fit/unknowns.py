@@ -1,4 +1,4 @@
-"""The unknowns of a fit: which entries of the sessions' models are free, shared or known, and what is expected.
+"""The problem and its unknowns: which entries of the sessions' models are free, shared or known, and expected.
 
 All sessions share the plant. Offsets, torque gain, delay and lag belong to a session. A free entry is
 
@@ -16,10 +16,19 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from ...common.checks import finite_number, one_of
+from ...common.errors import SwingupError
 from ...plant.base_parameters import BASE_NAMES
+from ..log.recording import Recording
 from .prediction import INDEX, LEAST_LAG, NAMES, Integration
 
 MASSES = ("A", "B", "m2r2", "k", "Ir")
+KNOWN_NAMES = {
+    "m1r1+m2l1": "k", "m2r2": "m2r2", "I1+I2+m2l1^2": "A", "I2": "B", "Ir": "Ir", "b1": "b1",
+    "b2": "b2", "cf1": "cf1", "cf2": "cf2", "gain": "gain1", "delay": "delay", "lag": "lag",
+}  # fmt: skip
+"""Names that a user gives, and the model's."""
+LATENCY = ("delay", "lag")
 
 
 class Expectation(NamedTuple):
@@ -108,37 +117,90 @@ def expectations(setting: Integration, start: Float[np.ndarray, "15"], commanded
     return found
 
 
-def make_unknowns(
-    expected: Sequence[Mapping[str, Expectation]],
-    start: Float[np.ndarray, "15"],
-    free: Sequence[Sequence[str]],
-    known: Mapping[str, float],
-    sessions: Sequence[int],
-) -> Unknowns:
-    """The unknowns of several sessions.
+@dataclass(frozen=True)
+class Problem:
+    """What all fits share."""
 
-    Expectations and free entries are those of each session; those of the plant count in the first one. What is
-    neither free nor known has the start's value.
-    """
-    rows: list[Expectation] = []
-    entries: list[int] = []
-    place, fixed = np.full((len(free), len(NAMES)), -1), np.tile(start, (len(free), 1))
-    for name, value in known.items():
-        fixed[:, _places(name)] = value
-    for session, names in enumerate(free):
-        for name in names:
-            # The plant is the same in all sessions: the first one brings it.
-            if name in known or (name in BASE_NAMES and session > 0):
-                continue
-            place[slice(None) if name in BASE_NAMES else session, _places(name)] = len(rows)
-            rows.append(expected[session][name])
-            entries.append(INDEX[name])
-    centre, scale, spread, low, high = np.array(rows).reshape(-1, 5).T
-    low, high = (low - centre) / scale, (high - centre) / scale
-    owners = np.array(sessions, int)
-    return Unknowns(owners, np.array(entries, int), place, fixed, centre, scale, spread, low, high)
+    setting: Integration
+    start: Float[np.ndarray, "15"]
+    """The starting plant's model."""
+    recordings: Sequence[Recording]
+    """Those that are fitted."""
+    sessions: Sequence[int]
+    """Session of each recording."""
+    known: Mapping[str, float]
+    """Entries of the model that the user knows."""
+
+    @property
+    def driven(self) -> bool:
+        """Whether a torque acts in any log."""
+        return any(any(recording.driven) for recording in self.recordings)
+
+    @property
+    def has_scale(self) -> bool:
+        """Whether torques or known values fix the common factor of masses and torques."""
+        return self.driven or self.knows_mass
+
+    @property
+    def knows_mass(self) -> bool:
+        """Whether the user knows a mass: then it fixes the scale, and the torque gain is free."""
+        return any(name in self.known for name in MASSES)
+
+    def unknowns(self, plant: bool) -> Unknowns:
+        """All unknowns, or those of the loop alone, with the plant as it is."""
+        known = self.known if plant else {name: value for name, value in self.known.items() if name in LATENCY}
+        count, rows, entries = max(self.sessions) + 1, list[Expectation](), list[int]()
+        place, fixed = np.full((count, len(NAMES)), -1), np.tile(self.start, (count, 1))
+        for name, value in known.items():
+            fixed[:, _places(name)] = value
+        for session in range(count):
+            logs = [log for log, owner in zip(self.recordings, self.sessions, strict=True) if owner == session]
+            driven = [log for log in logs if any(log.driven)]
+            expected = expectations(self.setting, self.start, all(log.commanded for log in driven))
+            for name in self._free(session, bool(driven), plant):
+                if name not in known:
+                    place[slice(None) if name in BASE_NAMES else session, _places(name)] = len(rows)
+                    rows.append(expected[name])
+                    entries.append(INDEX[name])
+        centre, scale, spread, low, high = np.array(rows).reshape(-1, 5).T
+        low, high = (low - centre) / scale, (high - centre) / scale
+        owners = np.array(self.sessions, int)
+        return Unknowns(owners, np.array(entries, int), place, fixed, centre, scale, spread, low, high)
+
+    def _free(self, session: int, driven: bool, plant: bool) -> list[str]:
+        """What a session brings: the first one the plant, which all share, and each its loop."""
+        loop = LATENCY if driven else ()
+        if not plant:
+            return [*loop]
+        # Without torques, one base parameter stands for the common factor of all.
+        base = [name for name in BASE_NAMES if session == 0 and (name != "k" or self.has_scale)]
+        # The first session's gain is the unit of all masses, unless a known mass is.
+        gain = driven and (session > 0 or self.knows_mass)
+        return [*base, "offset1", "offset2", *(["gain1"] if gain else []), *loop]
 
 
 def _places(name: str) -> list[int]:
     """Where an unknown or a known value stands in the model's vector: both motors have one gain."""
     return [INDEX[name], INDEX["gain2"]] if name == "gain1" else [INDEX[name]]
+
+
+def known_entries(known: Mapping[str, float] | None) -> dict[str, float]:
+    """The model's entries that the user knows."""
+    entries = {}
+    for name, value in (known or {}).items():
+        entry = KNOWN_NAMES[one_of("known value", name.replace(" ", ""), KNOWN_NAMES)]
+        # Delay and lag within the bounds of the fit; of other values a sign or a size is wrong.
+        least = 1e-9 if entry in (*MASSES[:4], "gain1") else -0.015 if entry == "delay" else 0.0
+        most = {"delay": 0.025, "lag": 0.015}.get(entry, 1e3)
+        entries[entry] = max(finite_number(name, value, least, most), LEAST_LAG if entry == "lag" else least)
+    return entries
+
+
+def session_numbers(labels: Sequence[str] | None, logs: int) -> list[int]:
+    """The session of each log, counted from 0 in the order in which they first appear."""
+    if not labels:
+        return [0] * logs
+    if len(labels) != logs:
+        raise SwingupError(f"{len(labels)} sessions for {logs} logs: give one a log, test logs last")
+    order = list(dict.fromkeys(labels))
+    return [order.index(label) for label in labels]
