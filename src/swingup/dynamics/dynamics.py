@@ -52,23 +52,15 @@ def derivative(plant: Plant, x: State, u: Torque) -> State:
     return jnp.concatenate([x[2:], acceleration(plant, x, u)])
 
 
-def kinetic_energy(plant: Plant, x: State) -> Scalar:
-    """½ q̇ᵀ M(q) q̇ (J), with the motors' rotors."""
-    rates = x[2:]
-    return 0.5 * rates @ mass_matrix(plant, x) @ rates
+def total_energy(plant: Plant, x: State) -> Scalar:
+    """Energy of the motion, with the motors' rotors, and of the masses (J); conserved without friction and torque.
 
-
-def potential_energy(plant: Plant, x: State) -> Scalar:
-    """Energy of the two masses in gravity (J), zero at the height of the shoulder."""
-    p, (q1, q2, _, _) = plant, x
+    That of a mass in gravity is zero at the height of the shoulder.
+    """
+    p, (q1, q2, _, _), rates = plant, x, x[2:]
     y1 = -p.r1 * jnp.cos(q1)
     y2 = -p.l1 * jnp.cos(q1) - p.r2 * jnp.cos(q1 + q2)
-    return p.g * (p.m1 * y1 + p.m2 * y2)
-
-
-def total_energy(plant: Plant, x: State) -> Scalar:
-    """Kinetic and potential energy (J); conserved without friction and torque."""
-    return kinetic_energy(plant, x) + potential_energy(plant, x)
+    return 0.5 * rates @ mass_matrix(plant, x) @ rates + p.g * (p.m1 * y1 + p.m2 * y2)
 
 
 def tip_height(plant: Plant, x: State) -> Scalar:

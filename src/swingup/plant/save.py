@@ -13,7 +13,7 @@ import numpy as np
 from ..common.errors import SwingupError
 from ..common.files import write_map
 from .base_parameters import BASE_NAMES, base_parameters
-from .model_files.writers import is_buildable, write_model
+from .model_files.files import is_buildable, write_model
 from .plant import MODEL_FILES, PARAMETER_FILES, PLANT_FILES, Plant, validated
 
 INERTIA_MARGIN = 1.05

@@ -25,15 +25,13 @@ from .ilqr import ILQRSettings, Solution, Status, feedback_gains, solve
 from .reference import Reference
 from .riccati_passes import Cost, forward
 from .scalar_algebra import unpack
-from .transition import PendulumTransition, TorqueRateTransition
+from .transition import AbstractTransition, PendulumTransition, TorqueRateTransition
 
 SEARCHED_ERROR = 0.05
 """A search is over when a motion ends this close to upright, in both angles (rad)."""
 
 RESTING_STATE = np.append(UPRIGHT, 0.0)
 """[π, 0, 0, 0, 0]: upright at rest, without torque."""
-
-PendulumStep = PendulumTransition | TorqueRateTransition
 
 
 @dataclass(frozen=True)
@@ -124,7 +122,7 @@ class SwingupProblem:
         rate = self.dt * self.steps * self.rate
         return Cost(state, rate, last, np.tile(RESTING_STATE, (steps, 1)), cost.torque, RESTING_STATE)
 
-    def transition(self, pendulum: PendulumTransition) -> PendulumStep:
+    def transition(self, pendulum: PendulumTransition) -> AbstractTransition:
         """The step that the cost is of: with the torque's rate as its input where that has a weight."""
         return pendulum if self.rate is None else TorqueRateTransition(pendulum)
 
@@ -176,7 +174,7 @@ def compute_reference(
 
 @eqx.filter_jit
 def solve_from_rest(
-    transition: PendulumStep, cost: Cost, torque: Float[Array, "n"], settings: ILQRSettings
+    transition: AbstractTransition, cost: Cost, torque: Float[Array, "n"], settings: ILQRSettings
 ) -> Solution:
     """Optimise a motion that begins hanging at rest, from a guess of its torques (N m)."""
     if not isinstance(transition, TorqueRateTransition):
@@ -241,7 +239,9 @@ def _cheapest(solutions: Solution, seed: int) -> Solution:
 
 
 @eqx.filter_jit
-def _restarts(transition: PendulumStep, cost: Cost, solution: Solution, search: Search) -> Float[Any, "starts n"]:
+def _restarts(
+    transition: AbstractTransition, cost: Cost, solution: Solution, search: Search
+) -> Float[Any, "starts n"]:
     """Torques that start differently at t = 0, where they cost nothing, and return to a solution by feedback."""
     gains = unpack(feedback_gains(transition, cost, solution.states, solution.torque))
     about = unpack(solution.states[:-1]), gains
@@ -256,7 +256,7 @@ def _restarts(transition: PendulumStep, cost: Cost, solution: Solution, search: 
 
 @eqx.filter_jit
 def _solve_all(
-    transition: PendulumStep, cost: Cost, torques: Float[Any, "starts n"], settings: ILQRSettings
+    transition: AbstractTransition, cost: Cost, torques: Float[Any, "starts n"], settings: ILQRSettings
 ) -> Solution:
     return jax.vmap(lambda torque: solve_from_rest(transition, cost, torque, settings))(jnp.asarray(torques))
 

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from scipy.optimize import least_squares
 
 from ..log.segments import Segments, join
-from .prediction import INDEX, Integration, predict_with_jacobian
+from .prediction import INDEX, LARGEST_ERROR, Integration, predict_with_jacobian
 from .regression import cut_spans, regress
 from .unknowns import Problem, Unknowns
 
@@ -37,8 +37,6 @@ class FitStage:
 FIT_STAGES = (FitStage(2, 12, True), FitStage(5, 20, True), FitStage(5, 8, False))
 START_STAGES = (FitStage(5, 15, True),)
 WARM_STAGES = (FitStage(5, 10, False),)
-LARGEST_ERROR = 1e3
-"""An error that is not finite counts as this (rad, rad/s)."""
 LEAST_WINDOWS = 10
 """Windows of a log from which it has a spread of its own."""
 LEAST_SPREAD = np.array([1e-4, 1e-4, 1e-2, 1e-2])

@@ -38,6 +38,8 @@ LONGEST_LAG = 0.03
 """Time that a lag remembers (s)."""
 LEAST_LAG = 3e-4
 """Shortest lag of a model (s)."""
+LARGEST_ERROR = 1e3
+"""An error that is not finite counts as this (rad, rad/s), and so does a larger one in scores."""
 
 
 class Integration(NamedTuple):

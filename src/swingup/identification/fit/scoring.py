@@ -13,13 +13,11 @@ from jaxtyping import Bool, Float
 
 from ..log.recording import Recording
 from ..log.segments import FIT_LENGTH, INTERVAL, Segments, cut_windows, join
-from .prediction import CHUNK, INDEX, Integration, predict
+from .prediction import CHUNK, INDEX, LARGEST_ERROR, Integration, predict
 
 HORIZONS = (0.1, 0.25, 0.5)
 """s"""
 LENGTH = max(HORIZONS)
-LARGEST_ERROR = 1e3
-"""An error that is larger or not finite counts as this (rad, rad/s)."""
 WHOLE_LOGS = 3
 """From this number of logs on, one is held out whole."""
 HELD_SHARE = 0.25
