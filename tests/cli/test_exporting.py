@@ -9,8 +9,7 @@ from policies import lone_policy
 from swingup import load_plant, load_policy
 from swingup.controllers.baselines.baselines import shipped_reference
 from swingup.controllers.stack.controller import save_controller
-from swingup.controllers.swingups.reference import load_reference
-from swingup.controllers.swingups.trajectory_csv import load_reference_csv
+from swingup.controllers.swingups.reference import load_reference, load_reference_csv
 
 
 def test_a_policy_file_and_the_entrys_names(run, tmp_path):

@@ -20,8 +20,14 @@ from swingup.controllers.baselines.tracking import RiccatiController
 from swingup.controllers.swingups import design
 from swingup.controllers.swingups.design import _cheapest, compute_reference
 from swingup.controllers.swingups.ilqr import Solution
-from swingup.controllers.swingups.reference import REFERENCE_ARRAYS, Reference, load_reference, save_reference
-from swingup.controllers.swingups.trajectory_csv import load_reference_csv, save_reference_csv
+from swingup.controllers.swingups.reference import (
+    REFERENCE_ARRAYS,
+    Reference,
+    load_reference,
+    load_reference_csv,
+    save_reference,
+    save_reference_csv,
+)
 from swingup.controllers.swingups.transition import PendulumTransition, TorqueRateTransition
 from swingup.dynamics.angles import UPRIGHT
 from swingup.dynamics.integrate import rk4_step

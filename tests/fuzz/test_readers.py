@@ -16,8 +16,7 @@ import pytest
 from swingup import BOARDS, SwingupError, load_plant, measured_plant, save_plant, score
 from swingup.areapo.checkpoint import load_checkpoint, read_metadata
 from swingup.benchmark.trajectory_file import load_trajectory
-from swingup.controllers.swingups.reference import load_reference
-from swingup.controllers.swingups.trajectory_csv import load_reference_csv
+from swingup.controllers.swingups.reference import load_reference, load_reference_csv
 from swingup.export.c_backend.header import c_header
 from swingup.identification.log.recording import read_recording
 from swingup.learner.metrics import read_metrics

@@ -9,7 +9,7 @@ from refusals import refusal
 from swingup import identify, load_plant
 from swingup.cli import main, pendulums
 from swingup.common.table import write_columns
-from swingup.controllers.swingups.trajectory_csv import load_reference_csv
+from swingup.controllers.swingups.reference import load_reference_csv
 from swingup.identification.excite import excite as search
 from swingup.identification.excite import rollouts
 from swingup.identification.excite.prior import corner_models, draw_models, prior_around

@@ -1,7 +1,7 @@
 """Trajectories as CSV files in RealAIGym's format: a header line and comma-separated columns, found by name.
 
 What the leaderboards score is read and written: time, positions, velocities and torques. Other columns, such as
-feedback gains, are ignored; ``controllers/swingups/trajectory_csv.py`` has those.
+feedback gains, are ignored; ``controllers/swingups/reference.py`` has those.
 """
 
 from collections.abc import Sequence

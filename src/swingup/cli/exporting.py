@@ -16,8 +16,7 @@ from ..common.files import check_writable, write_atomically
 from ..common.text import command_line
 from ..controllers.baselines.baselines import BASELINES, DESIGN_SEED, design_of, shipped_reference
 from ..controllers.baselines.own_units import in_real_units
-from ..controllers.swingups.reference import save_reference
-from ..controllers.swingups.trajectory_csv import save_reference_csv
+from ..controllers.swingups.reference import save_reference, save_reference_csv
 from ..export.c_backend.header import c_header
 from ..export.folder import FORMS as FOLDERS
 from ..export.folder import NAME, cloudpendulum_guard, cloudpendulum_notes, export_folder

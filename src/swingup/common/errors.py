@@ -19,7 +19,6 @@ class SwingupError(Exception):
     """
 
     def __init__(self, message: str) -> None:
-        """Keep the message as one printable line."""
         self.args = (one_line(message, LONGEST_MESSAGE),)
 
 

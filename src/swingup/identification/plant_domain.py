@@ -40,14 +40,13 @@ def _content(p: Plant, ranges: Mapping[str, Range], narrowing: float) -> dict[st
         "I2": elbow,
         **{name: ranges[name] for name in ("Ir", "b1", "b2", "cf1", "cf2")},
     }
-    values = {name: float(getattr(p, name)) for name in ("m1", "m2", "l1", "l2", "gr", "g")}
-    content: dict[str, float | list[float]] = dict(values)
+    kept = ("m1", "m2", "l1", "l2", "gr", "g")
+    content: dict[str, float | list[float]] = {name: float(getattr(p, name)) for name in kept}
     for name, (low, high) in spans.items():
         value = float(getattr(p, name))
         content[name] = [value + narrowing * min(low - value, 0.0), value + narrowing * max(high - value, 0.0)]
-    # Measured torques may be later than those that act, which a fit sees as a delay below 0. A loop has none.
-    delay = (max(ranges["delay"][0], 0.0), max(ranges["delay"][1], 0.0))
     content["torque_limit"] = float(max(p.tl1, p.tl2))
-    content["delay"] = list(delay)
+    # Measured torques may be later than those that act, which a fit sees as a delay below 0. A loop has none.
+    content["delay"] = [max(end, 0.0) for end in ranges["delay"]]
     content["lag"] = [max(end, LEAST_LAG) for end in ranges["lag"]]
     return content

@@ -71,7 +71,6 @@ class Plant:
     """A shipped plant's name, or the file that it was read from. Not compared."""
 
     def __str__(self) -> str:
-        """Its name."""
         return self.name or "unnamed"
 
     @property

@@ -24,7 +24,6 @@ class PythonController:
     """
 
     def __init__(self, source: Any) -> None:
-        """Wrap a function or an object."""
         # A class is callable, too, but a call of it makes an object.
         if inspect.isclass(source) or not callable(attribute(source, "get_control_output", source)):
             raise SwingupError(

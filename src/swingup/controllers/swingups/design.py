@@ -126,11 +126,6 @@ class SwingupProblem:
         """The step that the cost is of: with the torque's rate as its input where that has a weight."""
         return pendulum if self.rate is None else TorqueRateTransition(pendulum)
 
-    def stretched(self, factor: float) -> "SwingupProblem":
-        """The problem with a longer duration."""
-        search = self.search and replace(self.search, steps=round(self.search.steps * factor))
-        return replace(self, steps=round(self.steps * factor), search=search)
-
 
 def design_model(plant: PlantLike, robot: Robot) -> Plant:
     """The model that baselines are designed with: a robot's plant without Coulomb friction, which no plan can use.
@@ -209,7 +204,7 @@ def _searched(
     """The problem with the shortest duration that comes up, or the longest one, and first torques (N m) for it."""
     motor = float(model.limit(robot.joint))
     for factor in search.durations:
-        longer, steps = problem.stretched(factor), round(search.steps * factor)
+        longer, steps = replace(problem, steps=round(problem.steps * factor)), round(search.steps * factor)
         pendulum = PendulumTransition(model, robot.joint, longer.dt * longer.steps / steps)
         grid = longer.transition(pendulum), longer.cost(steps, search.final)
         # With its rate as the input the torque has a row at the end as well, which nothing follows.

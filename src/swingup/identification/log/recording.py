@@ -62,8 +62,6 @@ class Recording:
     """Velocities as recorded (rad/s); differences of the angles where the log has none."""
     u: Float[np.ndarray, "rows 2"]
     """Torques that were asked for, pushes included, within the limits (N m); else measured ones."""
-    measured_torque: Float[np.ndarray, "rows 2"] | None
-    """Torque as the motors report it (N m), if they do."""
     fresh: Bool[np.ndarray, "rows"]
     """Rows with a new measurement: false where a row repeats the one before although the pendulum moves."""
     quantum: tuple[float, float]
@@ -151,7 +149,6 @@ def read_recording(
         q=q,
         dq=dq,
         u=u,
-        measured_torque=measured,
         fresh=fresh,
         quantum=quantum,
         period=float(np.median(np.diff(time))),

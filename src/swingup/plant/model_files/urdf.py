@@ -65,7 +65,6 @@ def read_urdf(root: Element, inertia: str | None, gear: float | None) -> Model:
 
 
 def _named(root: Element, tag: str) -> dict[str, Element]:
-    """Elements by their names."""
     found: dict[str, Element] = {}
     for element in root.findall(tag):
         name = element.get("name", "")
