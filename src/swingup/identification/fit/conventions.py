@@ -382,25 +382,16 @@ def mass_notes(problem: Problem, model: Float[np.ndarray, "15"], recording: Reco
     first, second = ratios["k"], ratios["m2r2"]
     # One common factor speaks of the torques, unequal ones of another pendulum.
     factor, unequal = math.sqrt(first * second), max(first / second, second / first)
-    if (
-        not problem.driven
-        or problem.knows_mass
-        or 1 / NOTABLE_FACTOR < factor < NOTABLE_FACTOR
-        or unequal > NOTABLE_FACTOR
-    ):
-        names = {entry: name for name, entry in KNOWN_NAMES.items()}
-        far = [
-            f"{names[entry]} {ratio:.2g} times"
-            for entry, ratio in ratios.items()
-            if not 1 / FAR_FACTOR < ratio < FAR_FACTOR
-        ]
-        if not far:
-            return []
+    notable = unequal <= NOTABLE_FACTOR and not 1 / NOTABLE_FACTOR < factor < NOTABLE_FACTOR
+    if notable and problem.driven and not problem.knows_mass:
+        words = shlex.join(remedy(recording, replace(AS_IS, torques=_SAME * float(f"{1 / factor:.3g}"))))
         return [
-            f"far from the starting plant's: {', '.join(far)}; check units and conventions, or give another --start"
+            f"all masses are about {factor:.2g} times the starting plant's: if that one is right, the torques are "
+            f"{1 / factor:.3g} times those of the log, as before a gear, or as currents: --columns {words}"
         ]
-    words = shlex.join(remedy(recording, replace(AS_IS, torques=_SAME * float(f"{1 / factor:.3g}"))))
-    return [
-        f"all masses are about {factor:.2g} times the starting plant's: if that one is right, the torques are "
-        f"{1 / factor:.3g} times those of the log, as before a gear, or as currents: --columns {words}"
-    ]
+    names = {entry: name for name, entry in KNOWN_NAMES.items()}
+    far = {names[entry]: ratio for entry, ratio in ratios.items() if not 1 / FAR_FACTOR < ratio < FAR_FACTOR}
+    if not far:
+        return []
+    told = ", ".join(f"{name} {ratio:.2g} times" for name, ratio in far.items())
+    return [f"far from the starting plant's: {told}; check units and conventions, or give another --start"]
