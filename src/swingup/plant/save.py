@@ -24,12 +24,7 @@ def save_plant(path: str | Path, plant: Plant, comments: Sequence[str] = ()) -> 
     """Write a plant to a file, whose name says the format: YAML, URDF or MJCF.
 
     ``load_plant`` reads the same numbers from it. Where they are those of no body, a URDF or an MJCF has bodies
-    that move alike, and the numbers beside them.
-
-    Args:
-        path: the file.
-        plant: the plant.
-        comments: lines of text above a YAML file's values.
+    that move alike, and the numbers beside them. Comments are lines of text above a YAML file's values.
 
     Raises:
         SwingupError: the file cannot be written, or no body moves as the plant does.

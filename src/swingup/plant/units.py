@@ -114,10 +114,6 @@ C1 = Scales(1.0, 1.0, 1.0)
 def scales_of(parameters: "Plant") -> Scales:
     """The units of a pendulum, relative to C.1's: exactly 1 for C.1, with or without its frictions and rotors.
 
-    Args:
-        parameters: a plant: a robot's, with a torque
-            limit of 0 on the passive joint, or a pendulum's with two motors.
-
     Raises:
         SwingupError: gravity does not pull its stretched arm down, or its inertia is not positive.
     """
@@ -147,12 +143,10 @@ def similar_plant(plant: "Plant", scales: Scales) -> "Plant":
 
 
 def scaled(record: RecordT, scales: Scales) -> RecordT:
-    """A record of numbers that suit C.1, for a pendulum of other units.
+    """A record, a dataclass, of numbers that suit C.1, for a pendulum of other units.
 
-    Args:
-        record: a dataclass. Fields whose annotations have a :class:`Unit` are multiplied by it, or the numbers of a
-            tuple or of an array's last axis by one each; None stays. Records in other fields are scaled as well.
-        scales: the pendulum's units.
+    Fields whose annotations have a :class:`Unit` are multiplied by it, or the numbers of a tuple or of an array's
+    last axis by one each; None stays. Records in other fields are scaled as well.
     """
     changes: dict[str, Any] = {}
     for field in dataclasses.fields(record):  # type: ignore[arg-type]  # a dataclass

@@ -121,8 +121,7 @@ def in_chunks(size: int, count: int, run: Callable[[np.ndarray], Any]) -> list[n
 
 @functools.lru_cache(maxsize=16)
 def _compiled(setting: Integration, outputs: int, derivatives: bool) -> Callable[..., Any]:
-    def rollout(model: Array, start: Array, impulse: Array) -> Array:
-        return predict_window(setting, outputs, model, start, impulse)
+    rollout = functools.partial(predict_window, setting, outputs)
 
     def both(model: Array, start: Array, impulse: Array) -> Array:
         # Forwards, since a window has more outputs than the model has entries.
