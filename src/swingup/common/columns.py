@@ -60,10 +60,6 @@ class Column:
     unit: str = ""
     """As it was written; SI without one."""
 
-    def size(self, name: str) -> float:
-        """The unit's size in SI units, for the column of this name."""
-        return unit_size(name, self.unit)
-
     def word(self, name: str) -> str:
         """The word that maps a column to this one."""
         text = "".join("+-"[sign < 0] + title for sign, title in self.terms).removeprefix("+")
@@ -76,10 +72,6 @@ class Column:
         return replace(
             self, terms=tuple((sign * s, title) for s, title in self.terms), constant=sign * self.constant
         )
-
-    def plus(self, other: "Column") -> "Column":
-        """The sum of two columns in one unit."""
-        return replace(self, terms=(*self.terms, *other.terms), constant=self.constant + other.constant)
 
 
 def unit_size(name: str, unit: str) -> float:
@@ -134,7 +126,7 @@ def parse_column(path: object, name: str, text: str, titles: Sequence[str]) -> C
     token = re.compile(
         rf"\s*([-+]?)\s*(?:({known or '(?!)'})|(#\d+)|(pi(?:/[1-9]\d*)?|\d+(?:\.\d*)?(?:[eE]-?\d+)?))"
     )
-    column, place = Column((), 0.0, unit), 0
+    terms, constant, place = list[tuple[int, str]](), 0.0, 0
     while place < len(expression):
         found = token.match(expression, place)
         if found is None or (place and not found[1]):
@@ -143,17 +135,17 @@ def parse_column(path: object, name: str, text: str, titles: Sequence[str]) -> C
         if found[2] or found[3]:
             if found[3] and not 1 <= int(found[3][1:10]) <= len(titles):
                 raise _missing(path, text, titles)
-            column = column.plus(Column(((sign, found[2] or found[3]),)))
+            terms.append((sign, found[2] or found[3]))
         else:
             pi, _, part = found[4].partition("/")
             value = math.pi / float(part or 1) if pi == "pi" else float(found[4])
-            column = column.plus(Column((), sign * value))
+            constant += sign * value
         place = found.end()
     # A torque may be zero throughout; nothing else is constant.
-    if not column.terms and not (name.startswith("tau") and expression == "0"):
+    if not terms and not (name.startswith("tau") and expression == "0"):
         raise _missing(path, text, titles)
-    column.size(name)  # refuses an unknown unit
-    return column
+    unit_size(name, unit)  # refuses an unknown one
+    return Column(tuple(terms), constant, unit)
 
 
 def parse_columns(path: object, words: Sequence[str], titles: Sequence[str]) -> dict[str, Column]:

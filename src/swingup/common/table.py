@@ -98,7 +98,7 @@ def read_table(
             numbers = [_number(f"{path}, line {row[0]}", cells, cell, label, gaps, epoch) for row, cell in given]
             parts.append(sign * np.array(numbers))
         # Without a first zero, to which -0.0 would be added.
-        values[name] = sum(parts[1:], parts[0]) * column.size(name)
+        values[name] = sum(parts[1:], parts[0]) * unit_size(name, column.unit)
     if not gaps:
         values[clock] = _increasing(path, values[clock], [line for line, _ in rows])
     places = {cells.place(title) for title in titles}

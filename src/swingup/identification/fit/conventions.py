@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ...common.columns import DEGREE, NEEDS_CONSTANT, TURN, UNITS, Column, unit_of
+from ...common.columns import DEGREE, NEEDS_CONSTANT, TURN, UNITS, Column, unit_of, unit_size
 from ...common.errors import SwingupError
 from ..log.log_checks import slopes_of
 from ..log.recording import Recording
@@ -289,15 +289,15 @@ def _combined(
     """A row of a reading as a column: signs of the columns, one unit, and the constant in it."""
     scale, quantity = float(np.abs(row).max()), names[0][:3]
     parts = [sources[name].signed(int(np.sign(each))) for name, each in zip(names, row, strict=True) if each]
-    size = parts[0].size(names[0]) * scale
+    size = unit_size(names[0], parts[0].unit) * scale
     # What is added comes first: an expression that begins with a minus reads badly.
     parts.sort(key=lambda part: part.terms[:1] < ((0, ""),))
-    total = parts[0] if len(parts) == 1 else parts[0].plus(parts[1])
-    unit = total.unit if scale == 1.0 else unit_of(quantity, size, within=0.1 if quantity == "vel" else 1e-9)
+    unit = parts[0].unit if scale == 1.0 else unit_of(quantity, size, within=0.1 if quantity == "vel" else 1e-9)
     standard = next(iter(UNITS[quantity]))
     # The title may have another unit, which an empty one would leave.
-    unit = "" if unit == standard and not total.unit else unit
-    return replace(total, constant=total.constant + constant / size, unit=unit)
+    unit = "" if unit == standard and not parts[0].unit else unit
+    terms = tuple(itertools.chain(*(part.terms for part in parts)))
+    return Column(terms, sum(part.constant for part in parts) + constant / size, unit)
 
 
 def _check_speed(recording: Recording) -> Finding | None:
