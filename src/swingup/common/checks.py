@@ -28,8 +28,7 @@ def finite_number(
 ) -> float:
     """A finite number from ``least`` to ``most``."""
     if not is_number(value) or not least <= value <= most:
-        wanted = f"a number from {least:g} to {most:g}{unit and ' '}{unit}"
-        raise SwingupError(f"{name} = {quoted(value)}: use {wanted}")
+        raise SwingupError(f"{name} = {quoted(value)}: use a number from {least:g} to {most:g}{unit and ' '}{unit}")
     return float(value)
 
 

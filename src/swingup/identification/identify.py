@@ -26,9 +26,6 @@ from .log.segments import FIT_LENGTH, Segments, cut_windows, join
 from .plant_domain import domain_of
 from .results import TITLES, Estimates, make_notes, read_solution
 
-REPORTED = ("angle", "velocity")
-"""Errors of a row that results report."""
-
 
 @dataclass(frozen=True)
 class Identification:
@@ -62,7 +59,7 @@ class Identification:
             "intervals": {name: list(pair) for name, pair in self.estimates.intervals.items()},
             "determined": dict(self.estimates.determined),
             "errors": {
-                name: {horizon: {each: getattr(row, each) for each in REPORTED} for horizon, row in rows.items()}
+                name: {horizon: {"angle": row.angle, "velocity": row.velocity} for horizon, row in rows.items()}
                 for name, rows in self.errors.items()
             },
         }

@@ -80,7 +80,7 @@ def _answers_swapped(source: PythonController) -> bool:
     x = trial_states()[-1]
     call = attribute(source.source, "get_control_output", source.source)
     try:
-        answer(lambda x, t: call(x, t), x, 0.0)
+        answer(call, x, 0.0)
     except SwingupError:
         with contextlib.suppress(SwingupError):
             answer(lambda x, t: call(t, x), x, 0.0)

@@ -26,7 +26,6 @@ GAP, GAP_PERIODS = 0.06, 20.0
 """A longer time between rows, in s and in median periods, is a gap that no prediction crosses."""
 SLOPE_WINDOW = 0.02
 """Time over which angles give velocities (s)."""
-_JOINTS = ("1", "2")
 
 
 def check_time(name: str, time: Float[np.ndarray, "rows"], title: str) -> None:
@@ -72,53 +71,47 @@ def check_fresh(name: str, fresh: Bool[np.ndarray, "rows"], q: Float[np.ndarray,
 
 def check_motion(name: str, q: Float[np.ndarray, "rows 2"]) -> None:
     """Refuse a joint that never moves."""
-    for joint, label in enumerate(_JOINTS):
-        reach = float(np.ptp(q[:, joint]))
+    for joint, reach in enumerate(np.ptp(q, axis=0), start=1):
         if reach < LEAST_MOTION:
             raise SwingupError(
-                f"{name}: joint {label} never moves (its angle stays within {reach:.2g} rad): check the encoder, "
+                f"{name}: joint {joint} never moves (its angle stays within {reach:.2g} rad): check the encoder, "
                 "or leave this log out"
             )
 
 
 def find_warnings(
-    name: str,
     time: Float[np.ndarray, "rows"],
     u: Float[np.ndarray, "rows 2"],
     measured: Float[np.ndarray, "rows 2"] | None,
     fresh: Bool[np.ndarray, "rows"],
-) -> tuple[str, ...]:
+) -> list[str]:
     """What a user should know of a log that can be used: one line for each finding."""
     found = []
     periods = np.diff(time)
     period, longest = float(np.median(periods)), float(periods.max())
     if longest > longest_step(period):
         at = float(time[int(periods.argmax())])
-        found.append(f"{name}: time jumps by {longest:.3g} s at {at:.3g} s: no prediction crosses the gap")
+        found.append(f"time jumps by {longest:.3g} s at {at:.3g} s: no prediction crosses the gap")
     if period > SLOW_PERIOD:
-        found.append(
-            f"{name}: rows are {period:.3g} s apart: below 33 Hz parameters come out wrong, by a quarter at 20 Hz"
-        )
+        found.append(f"rows are {period:.3g} s apart: below 33 Hz parameters come out wrong, by a quarter at 20 Hz")
     if not np.any(u):
-        found.append(f"{name}: the torques are all zero: it counts as a free fall")
-    for joint, label in enumerate(_JOINTS):
+        found.append("the torques are all zero: it counts as a free fall")
+    for joint in (0, 1):
         peak = float(np.abs(u[:, joint]).max())
         # A torque that stands at its limit excites nothing while it stands.
         share = float(np.mean(np.abs(u[:, joint]) > 0.995 * peak)) if peak > 0 else 0.0
         if share > SATURATED_SHARE:
-            found.append(f"{name}: torque {label} stands at ±{peak:.3g} N m in {share:.0%} of the rows: saturated")
+            found.append(f"torque {joint + 1} stands at ±{peak:.3g} N m in {share:.0%} of the rows: saturated")
         if measured is not None and peak > 0:
             delivered = float(np.abs(measured[:, joint]).max())
             at_most = float(np.mean(np.abs(measured[:, joint]) > 0.98 * delivered))
             # A motor that saturates stands at its peak; one that is slow passes through it.
             if delivered < 0.8 * peak and at_most > 0.05:
-                found.append(
-                    f"{name}: motor {label} delivers at most {delivered:.3g} of {peak:.3g} N m: clip the log's "
-                    "commands to that"
-                )
+                most = f"{delivered:.3g} of {peak:.3g} N m"
+                found.append(f"motor {joint + 1} delivers at most {most}: clip the log's commands to that")
     if (repeated := float(np.mean(~fresh))) > 0.05:
-        found.append(f"{name}: {repeated:.0%} of the rows repeat the one before: they are left out")
-    return tuple(found)
+        found.append(f"{repeated:.0%} of the rows repeat the one before: they are left out")
+    return found
 
 
 def longest_step(period: float) -> float:

@@ -142,7 +142,7 @@ def read_recording(
         u = np.clip(u, -np.asarray(torque_limits), np.asarray(torque_limits))
     peak = np.abs(u).max(axis=0)
     driven = peak > (0.0 if commanded else MEASURED_NOISE)
-    seen = find_warnings(name, time, u, measured if commanded else None, fresh)
+    notes += find_warnings(time, u, measured if commanded else None, fresh)
     return Recording(
         name=name,
         time=time,
@@ -154,7 +154,7 @@ def read_recording(
         period=float(np.median(np.diff(time))),
         driven=(bool(driven[0]), bool(driven[1])),
         commanded=commanded,
-        warnings=(*(f"{name}: {note}" for note in notes), *seen),
+        warnings=tuple(f"{name}: {note}" for note in notes),
         sources=table.sources,
         pairs=tuple(pairs),
         turn=turn,
@@ -169,10 +169,9 @@ def _check_torques(name: str, table: Table, pairs: Collection[tuple[str, ...]]) 
     single = next((title for title in table.unread for names in _COMMANDS if title in names), None)
     if single is not None:
         other = single[:-1] + ("2" if single.endswith("1") else "1")
-        short = f"u{other[-1]}"
         raise SwingupError(
             f"{name} has {single} and lacks {other}: name its column, or write --columns u{single[-1]}={single} "
-            f"{short}=0 if joint {other[-1]} has no torque"
+            f"u{other[-1]}=0 if joint {other[-1]} has no torque"
         )
     if likely := suggest_columns(table.unread, wanted):
         words = shlex.join(likely)
