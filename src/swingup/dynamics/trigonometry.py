@@ -56,9 +56,7 @@ def _polynomials(angle: Number) -> Pair:
 
 
 @_polynomials.defjvp
-def _derivative(
-    primals: tuple[Number], tangents: tuple[Number]
-) -> tuple[tuple[Number, Number], tuple[Number, Number]]:
+def _derivative(primals: tuple[Number], tangents: tuple[Number]) -> tuple[Pair, Pair]:
     # The exact derivatives: those of the polynomials would cost more terms and be less accurate.
     sine, cosine = sine_cosine(primals[0])
     return (sine, cosine), (cosine * tangents[0], -sine * tangents[0])

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from . import equations
-from .equations import COULOMB_STEEPNESS, Lumped, Number, Pair
+from .equations import COULOMB_STEEPNESS, Lumped, Number, Pair, StateFloats
 from .maths import Maths
 
 
@@ -29,7 +29,7 @@ class Friction(NamedTuple):
 
 def damped_midpoint_step(
     plant: Lumped, friction: Friction | None, x: Any, torques: Any, dt: Number, maths: Maths
-) -> tuple[Number, Number, Number, Number]:
+) -> StateFloats:
     """One step over dt (s) from x = [q1, q2, dq1, dq2] (rad, rad/s) under torques (N m)."""
     # The first evaluation only finds the middle. The second makes the step, from x and over all of dt.
     half, rates = 0.5 * dt, (x[2], x[3])

@@ -24,13 +24,13 @@ class AbstractTransition(eqx.Module):
     def step(self, x: Vector, u: Number) -> Vector:
         """The next state."""
 
-    @abc.abstractmethod
     def jacobian(self, x: Vector, u: Number) -> Matrix:
         """The columns of the step's Jacobian: one for each entry of x, then that for u."""
+        return differentiate(self.step, x, u)
 
 
 class PendulumTransition(AbstractTransition):
-    """A Runge-Kutta step of the double pendulum with the torque held over it."""
+    """A step of the double pendulum by the classical Runge-Kutta method, with the torque held over it."""
 
     parameters: Plant
     """Python floats are compiled into the program, which is faster, and a friction of zero then costs nothing.
@@ -44,12 +44,19 @@ class PendulumTransition(AbstractTransition):
 
     def step(self, x: Vector, u: Number) -> Vector:
         """The state [q1, q2, dq1, dq2] after dt under the driven joint's torque u (N m)."""
-        return runge_kutta(self.derivative, self.dt, x, u)
+        # Not dynamics.integrate.rk4_step: tuples of scalars compile to fewer loops, see scalar_algebra.
+        half = 0.5 * self.dt
+        k1 = self.derivative(x, u)
+        k2 = self.derivative(add_scaled(x, half, k1), u)
+        k3 = self.derivative(add_scaled(x, half, k2), u)
+        k4 = self.derivative(add_scaled(x, self.dt, k3), u)
+        total = tuple(a + 2.0 * (b + c) + d for a, b, c, d in zip(k1, k2, k3, k4, strict=True))
+        return add_scaled(x, self.dt / 6.0, total)
 
     def jacobian(self, x: Vector, u: Number) -> Matrix:
         """Columns by q1, q2, dq1, dq2 and u."""
         if self.exact:
-            return differentiate(self.step, x, u)
+            return super().jacobian(x, u)
         # With J = ∂ẋ/∂(x, u) half a step on: ∂x'/∂x = 1 + dt J + dt² J²/2 + O(dt³).
         middle = add_scaled(x, 0.5 * self.dt, self.derivative(x, u))
         rates = differentiate(self.derivative, middle, u)
@@ -84,22 +91,6 @@ class TorqueRateTransition(AbstractTransition):
         """The next state and torque. The torque is held over the step; the rate changes the next torque."""
         *state, torque = x
         return (*self.pendulum.step(tuple(state), torque), torque + self.pendulum.dt * u)
-
-    def jacobian(self, x: Vector, u: Number) -> Matrix:
-        """Columns by q1, q2, dq1, dq2, the torque and its rate."""
-        return differentiate(self.step, x, u)
-
-
-def runge_kutta(derivative: Callable[[Vector, Number], Vector], dt: float, x: Vector, u: Number) -> Vector:
-    """The state after dt (s) by one step of the classical fourth-order method, with the torque held over it."""
-    half = 0.5 * dt
-    # Not dynamics.integrate.rk4_step: tuples of scalars compile to fewer loops, see scalar_algebra.
-    k1 = derivative(x, u)
-    k2 = derivative(add_scaled(x, half, k1), u)
-    k3 = derivative(add_scaled(x, half, k2), u)
-    k4 = derivative(add_scaled(x, dt, k3), u)
-    total = tuple(a + 2.0 * (b + c) + d for a, b, c, d in zip(k1, k2, k3, k4, strict=True))
-    return add_scaled(x, dt / 6.0, total)
 
 
 def differentiate(function: Callable[[Vector, Number], Vector], x: Vector, u: Number) -> Matrix:

@@ -124,11 +124,8 @@ class Evaluator:
 
     def __call__(self, z: Float[np.ndarray, "unknowns"]) -> tuple[np.ndarray, np.ndarray]:
         """Errors [windows, outputs, 4] and their derivatives with respect to z."""
-        if self._latest[0] != z.tobytes():
-            self._latest = (z.tobytes(), *self._evaluate(z))
-        return self._latest[1:]
-
-    def _evaluate(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if self._latest[0] == z.tobytes():
+            return self._latest[1:]
         windows, models = self.windows, self.unknowns.models(z)
         owners = self.unknowns.sessions[windows.log]
         errors = np.zeros_like(windows.states[:, 1:])
@@ -141,6 +138,7 @@ class Evaluator:
         # A window that diverges is bad, but has no direction in which it would be better.
         bad = ~(np.isfinite(errors) & np.isfinite(slopes).all(axis=-1))
         errors[bad], slopes[bad] = LARGEST_ERROR, 0.0
+        self._latest = z.tobytes(), errors, slopes
         return errors, slopes
 
 
