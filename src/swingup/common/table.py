@@ -67,7 +67,7 @@ def read_table(
     times may be in any order.
     """
     cells = read_cells(path)
-    if cells.headless and not (columns and cells.rows):
+    if not any(cells.titles) and not (columns and cells.rows):
         names = list(itertools.chain(*(group[0] for group in groups)))
         raise SwingupError(
             f"{path} has no header: its first line must be {','.join(names)}, or name its columns in their order, "

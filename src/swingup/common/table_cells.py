@@ -43,11 +43,6 @@ class Cells:
     rows: list[Row]
     decimal: str = "."
 
-    @property
-    def headless(self) -> bool:
-        """Whether there is no header."""
-        return not any(self.titles)
-
     @functools.cached_property
     def names(self) -> list[str]:
         """The names in the titles: "# time[s]" and "pos1 (rad)" name the columns time and pos1."""

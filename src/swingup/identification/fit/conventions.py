@@ -69,11 +69,6 @@ class Convention(NamedTuple):
     torques: Float[np.ndarray, "2 2"] = _SAME
     shift: tuple[float, float] = (0.0, 0.0)
 
-    @property
-    def reading(self) -> Reading:
-        """As the regression takes it."""
-        return Reading(self.angles, np.array(self.shift), self.torques)
-
 
 QUARTER = math.pi / 2
 CONVENTIONS = (
@@ -230,7 +225,7 @@ class _Scan:
         order = [*dict.fromkeys(["unit", *(each.group for each in CONVENTIONS)])]
         found = AS_IS
         for each in sorted(conventions, key=lambda each: order.index(each.group)):
-            found = found.then(each.reading)
+            found = found.then(Reading(each.angles, np.array(each.shift), each.torques))
         return found
 
     def solve(self, conventions: Sequence[Convention], ages: int = 4) -> Solution:
