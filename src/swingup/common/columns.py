@@ -14,13 +14,12 @@ from .errors import SwingupError
 from .text import quoted
 
 DEGREE, TURN = math.pi / 180, 2 * math.pi
-NEWTON_METRE = "N m"
 UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     "pos": {"rad": 1.0, "deg": DEGREE, "turns": TURN, "mrad": 1e-3},
     "vel": {"rad/s": 1.0, "deg/s": DEGREE, "rpm": TURN / 60, "turns/s": TURN, "mrad/s": 1e-3},
     "tau": {
-        NEWTON_METRE: 1.0, "mNm": 1e-3, "uNm": 1e-6, "Ncm": 1e-2, "ozin": 0.00706155, "kgcm": 0.0980665,
+        "N m": 1.0, "mNm": 1e-3, "uNm": 1e-6, "Ncm": 1e-2, "ozin": 0.00706155, "kgcm": 0.0980665,
         "lbin": 0.112985, "lbft": 1.355818, "A": 1.0, "mA": 1e-3, "%": 1e-2,
     },
 }  # fmt: skip

@@ -13,8 +13,6 @@ from typing import Any
 from .errors import SwingupError
 from .text import one_line
 
-TRACEBACK = "Traceback (most recent call last)"
-
 
 @contextlib.contextmanager
 def errors_named_after(what: str, remedy: str = "correct it there") -> Iterator[None]:
@@ -31,7 +29,7 @@ def errors_named_after(what: str, remedy: str = "correct it there") -> Iterator[
 def described(error: BaseException) -> str:
     """A foreign error's kind and text. Compiled callbacks raise whole tracebacks; of these only the end is kept."""
     text = one_line(error)
-    if TRACEBACK in text:
+    if "Traceback (most recent call last)" in text:
         text = one_line(re.split(r'\n  File "', str(error))[-1].partition("\n")[2])
     return f"{type(error).__name__} ({text})"
 

@@ -24,8 +24,6 @@ REFERENCE_VERSION = 1
 
 RECOMPUTE = "compute it again with swingup export --to trajectory"
 
-STATE_COLUMNS = ("pos1", "pos2", "vel1", "vel2")
-TORQUE_COLUMNS = ("tau1", "tau2")
 GAIN_COLUMNS = tuple(f"K{joint}{entry}" for joint in (1, 2) for entry in (1, 2, 3, 4))
 
 # Plain names first: files for trajectory controllers hold these.
@@ -103,7 +101,7 @@ def save_reference_csv(path: str | Path, reference: Reference) -> None:
     # The gains stand in the driven joint's row; the passive joint's row is 0.
     torques, gains = np.outer(reference.torque, driven), np.kron(driven, np.asarray(reference.gains))
     table = np.column_stack([reference.time, reference.states, torques, gains])
-    names = ("time", *STATE_COLUMNS, *TORQUE_COLUMNS, *GAIN_COLUMNS)
+    names = ("time", "pos1", "pos2", "vel1", "vel2", "tau1", "tau2", *GAIN_COLUMNS)
     write_columns(path, dict(zip(names, table.T, strict=True)))
 
 

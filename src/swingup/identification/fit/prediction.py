@@ -33,7 +33,6 @@ INDEX = {name: place for place, name in enumerate(NAMES)}
 
 CHUNK = 128
 """Windows that one call of the compiled program predicts; fewer are filled up, so that it compiles once."""
-THREADS = cores()
 LONGEST_LAG = 0.03
 """Time that a lag remembers (s)."""
 LEAST_LAG = 3e-4
@@ -114,7 +113,7 @@ def in_chunks(size: int, count: int, run: Callable[[np.ndarray], Any]) -> list[n
             found = run(np.where(rows < count, rows, 0))
         return [np.asarray(each)[: count - first] for each in found]
 
-    with ThreadPoolExecutor(THREADS) as pool:
+    with ThreadPoolExecutor(cores()) as pool:
         parts = list(pool.map(part, range(0, count, size)))
     return [np.concatenate(each) for each in zip(*parts, strict=True)]
 
