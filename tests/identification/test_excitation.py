@@ -12,11 +12,11 @@ from swingup.common.table import write_columns
 from swingup.controllers.swingups.reference import load_reference_csv
 from swingup.identification.excite import excite as search
 from swingup.identification.excite import rollouts
-from swingup.identification.excite.prior import corner_models, draw_models, prior_around
-from swingup.identification.excite.rollouts import Sequences, simulate
+from swingup.identification.excite.rollouts import Sequences, corner_models, draw_models, simulate
 from swingup.identification.excite.waves import PERIOD, REST, SHARES, TILTS, multisines
 from swingup.identification.fit.prediction import INDEX, integration_of, vector_of
 from swingup.identification.log.recording import read_recording
+from swingup.identification.plant_domain import prior_around
 from swingup.identification.results import TITLES
 from swingup.loop.domain import make_domain
 

@@ -13,8 +13,8 @@ from ..common.errors import SwingupError
 from ..common.files import check_writable
 from ..common.text import one_line, quoted
 from ..identification.excite.excite import excite
-from ..identification.excite.prior import prior_around
 from ..identification.identify import identify
+from ..identification.plant_domain import prior_around
 from ..loop.domain import load_domain
 from ..loop.on_plant import plant_as_domain
 from ..plant.measured import measured_plant

@@ -1,18 +1,52 @@
-"""A domain around an identified plant."""
+"""Domains around a plant: before it is identified, and after."""
 
 import contextlib
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from ..common.errors import SwingupError
-from ..loop.domain import make_domain
+from ..loop.domain import Domain, make_domain
 from ..plant.plant import Plant
-from .fit.prediction import LEAST_LAG
+from .fit.prediction import INDEX, LEAST_LAG, vector_of
+from .fit.unknowns import MASSES
 
 Range = tuple[float, float]
 
+BASE = (0.8, 1.2)
+"""Base parameters, as multiples of those that a drawing or a fit of another specimen gives."""
+ROTOR = (0.5, 2.5)
+FRICTION = (0.4, 1.6)
+"""Rotors' inertia and Coulomb friction, as multiples. Source: fits of one robot in several sessions."""
+LEAST_FRICTION = 0.02
+"""Coulomb friction may reach this part of gravity's torque where the plant has none."""
+DELAY, LAG = (0.001, 0.006), (0.001, 0.004)
+"""s. Source: fits of recordings."""
 
-def domain_of(plant: Plant, ranges: Mapping[str, Range], others: Mapping[str, Any] | None = None) -> dict[str, Any]:
+
+def prior_around(plant: Plant) -> Domain:
+    """A domain around a plant's facts: as wide as specimens of one design, and sessions of one robot, differ."""
+    vector = vector_of(plant)
+    # Friction's size is not known, but it is small beside gravity's torque.
+    torque = plant.g * vector[INDEX["k"]]
+    vector[INDEX["A"]] -= vector[INDEX["B"]]
+    around = dict.fromkeys(MASSES[:4], BASE) | {"Ir": ROTOR, "cf1": FRICTION, "cf2": FRICTION}
+    ranges = {name: (low * vector[INDEX[name]], high * vector[INDEX[name]]) for name, (low, high) in around.items()}
+    for joint in ("1", "2"):
+        low, high = ranges[f"cf{joint}"]
+        ranges[f"cf{joint}"] = (min(low, high), max(low, high, LEAST_FRICTION * torque))
+        damping = vector[INDEX[f"b{joint}"]]
+        ranges[f"b{joint}"] = (min(damping, 0.0), max(3 * damping, 0.002 * torque))
+    loop = {"delay": DELAY, "lag": LAG, "offset1": (0.0, 0.0), "offset2": (0.0, 0.0)}
+    found = make_domain(domain_of(plant, ranges | loop, {}) | {"plant": plant}, f"around {plant.name}")
+    # The domain's one torque limit is that of the stronger motor; here each motor keeps its own.
+    low, high = (
+        end._replace(plant=end.plant.changed(tl1=plant.tl1, tl2=plant.tl2)) for end in (found.low, found.high)
+    )
+    return replace(found, low=low, high=high)
+
+
+def domain_of(plant: Plant, ranges: Mapping[str, Range], others: Mapping[str, Any]) -> dict[str, Any]:
     """A domain's content: ranges of plant and loop around an identified plant.
 
     Where corners of wide ranges do not make a pendulum, all ranges are narrowed together until they do. Ranges are
@@ -20,11 +54,11 @@ def domain_of(plant: Plant, ranges: Mapping[str, Range], others: Mapping[str, An
     they are: offsets, quanta, torque gains, and where velocities come from.
     """
     for narrowing in (1.0, 0.7, 0.5, 0.3, 0.15):
-        content = {**_content(plant, ranges, narrowing), **(others or {})}
+        content = {**_content(plant, ranges, narrowing), **others}
         with contextlib.suppress(SwingupError):
             make_domain(content)
             return content
-    content = {**_content(plant, ranges, 0.0), **(others or {})}
+    content = {**_content(plant, ranges, 0.0), **others}
     make_domain(content)
     return content
 

@@ -22,8 +22,7 @@ from ...plant.units import VELOCITY, scales_of
 from ..fit.prediction import NAMES, Integration, integration_of
 from ..fit.regression import OFFSETS, SPAN, regression_matrix
 from ..log.segments import INTERVAL
-from .prior import corner_models, draw_models
-from .rollouts import Sequences, simulate
+from .rollouts import Sequences, corner_models, draw_models, simulate
 from .waves import PERIOD, multisines
 
 JOINTS = {"both": (1.0, 1.0), "shoulder": (1.0, 0.0), "elbow": (0.0, 1.0)}

@@ -1,4 +1,4 @@
-"""Many plants at once, from hanging at rest: how far, how fast, and which states and torques.
+"""Many plants of a domain at once, from hanging at rest: how far, how fast, and which states and torques.
 
 The torque of a driven joint is a sequence's and a feedback's, within the limit:
 
@@ -17,12 +17,36 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...dynamics.implicit_friction import implicit_step
+from ...loop.domain import Domain
 from ...plant.base_parameters import friction_of, lumped
-from ..fit.prediction import INDEX, Integration, in_chunks
+from ...plant.plant import NAMES, Plant
+from ..fit.prediction import INDEX, Integration, in_chunks, in_loop, vector_of
 from .waves import PERIOD
 
 LANES = 256
 """Motions that one call of the compiled program simulates."""
+
+
+def draw_models(domain: Domain, count: int, seed: int) -> Float[np.ndarray, "count 15"]:
+    """Models of plants and loops, uniform on the domain's ranges; the first is the middle of all ranges."""
+    random = np.random.default_rng(seed)
+    names = [name for name, _, _ in domain.ranges]
+    low, high = (np.array([row[place] for row in domain.ranges]) for place in (1, 2))
+    part = np.concatenate([np.full((1, len(names)), 0.5), random.random((count - 1, len(names)))])
+    return np.stack([_model(domain, dict(zip(names, low + row * (high - low), strict=True))) for row in part])
+
+
+def corner_models(domain: Domain) -> Float[np.ndarray, "corners 15"]:
+    """Models of the plants at the ends of the domain's ranges, with the largest torque gains."""
+    # A motor that delivers more than it is asked for moves the arm furthest.
+    highest = {name: high for name, _, high in domain.ranges if name in ("gain1", "gain2")}
+    return np.stack([_model(domain, highest, plant) for plant in domain.corners()])
+
+
+def _model(domain: Domain, values: dict[str, float], plant: Plant | None = None) -> np.ndarray:
+    """A model's vector; loop values that the domain does not have are typical ones."""
+    own = {name: value for name, value in values.items() if name in NAMES}
+    return in_loop(vector_of(domain.plant.changed(**own) if plant is None else plant), values)
 
 
 class Sequences(NamedTuple):
