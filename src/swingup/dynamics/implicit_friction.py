@@ -55,12 +55,7 @@ def implicit_step(
 
 
 def _newton(
-    mass: tuple[Number, Number, Number],
-    holds: Pair,
-    swing: Number,
-    target: Pair,
-    rates: Pair,
-    s: Number,
+    mass: tuple[Number, Number, Number], holds: Pair, swing: Number, target: Pair, rates: Pair, s: Number
 ) -> Pair:
     """One step of Newton's method for M v + swing [-v2 (2 v1 + v2), v1²] + holds arctan(s v) = target."""
     (m11, m12, m22), (hold1, hold2), (v1, v2) = mass, holds, rates

@@ -46,10 +46,9 @@ def representative(base: Mapping[str, float], start: Plant) -> Plant:
 
     Its masses are near those of the start, whose lengths, gravity and limits it has.
     """
-    l1, gear = float(start.l1), float(start.gr)
-    shoulder = base["A"] - base["B"]
+    l1, shoulder = float(start.l1), base["A"] - base["B"]
     # Bodies in a simulation have no geared rotors: a part of the elbow's inertia is theirs (``without_rotors``).
-    least = INERTIA_MARGIN * base["m2r2"] ** 2 / (base["B"] - gear * base["Ir"])
+    least = INERTIA_MARGIN * base["m2r2"] ** 2 / (base["B"] - float(start.gr) * base["Ir"])
     # Link 1 keeps a part of the inertia and of the moment, so that both stay positive.
     most = min(0.95 * shoulder / l1**2, 0.98 * base["k"] / l1)
     # Where link 2 is too heavy for its inertia, the masses cannot be consistent: the equations still hold.
@@ -57,9 +56,6 @@ def representative(base: Mapping[str, float], start: Plant) -> Plant:
     rest, I1 = base["k"] - m2 * l1, shoulder - m2 * l1**2
     # At a given m1 r1, m1 r1² falls with m1: heavy enough, link 1 can be built.
     m1 = max(float(start.m1), INERTIA_MARGIN * rest**2 / I1)
-    found = Plant(
-        m1=m1, m2=m2, l1=l1, l2=float(start.l2), r1=rest / m1, r2=base["m2r2"] / m2, I1=I1, I2=base["B"],
-        Ir=base["Ir"], gr=gear, b1=base["b1"], b2=base["b2"], cf1=base["cf1"], cf2=base["cf2"],
-        g=float(start.g), tl1=float(start.tl1), tl2=float(start.tl2),
-    )  # fmt: skip
-    return validated(found)
+    links = {"m1": m1, "m2": m2, "r1": rest / m1, "r2": base["m2r2"] / m2, "I1": I1, "I2": base["B"]}
+    others = {name: base[name] for name in ("Ir", "b1", "b2", "cf1", "cf2")}
+    return validated(start.changed(**links, **others, name=""))

@@ -152,16 +152,14 @@ def shipped_reference(robot: Robot | str, problem: str = "published") -> tuple[R
 @functools.lru_cache(maxsize=32)
 def _computed_reference(design: Design, problem: str) -> Reference:
     """A swing-up, computed once in a process; warnings say that it takes long, and when it does not come up."""
+    robot = design.robot.name
     _LOGGER.warning(
-        "a swing-up of the %s is computed for this plant: half a minute on two free cores, some minutes where "
-        "its motor is weak",
-        design.robot.name,
+        f"a swing-up of the {robot} is computed for this plant: half a minute on two free cores, some minutes "
+        "where its motor is weak"
     )
     found = design.compute(problem, DESIGN_SEED)[0]
     if not reaches_upright(found, design.model):
-        _LOGGER.warning(
-            "no swing-up of the %s was found for this plant: its baselines will fail", design.robot.name
-        )
+        _LOGGER.warning(f"no swing-up of the {robot} was found for this plant: its baselines will fail")
     return found
 
 

@@ -82,12 +82,8 @@ def holding_lqr(plant: Plant, robot: Robot, settings: LQRSettings, dt: float) ->
         other, more = _best(plant, robot, settings, MORE_COUNTINGS, dt)
         found, held = (other, more) if more > held else (found, held)
         _LOGGER.warning(
-            "the %s's joint %d has dry friction and no motor: its regulator holds this plant from %d of %d starts "
-            "near upright",
-            robot.name,
-            2 - robot.joint,
-            held,
-            len(STARTS),
+            f"the {robot.name}'s joint {2 - robot.joint} has dry friction and no motor: its regulator holds this "
+            f"plant from {held} of {len(STARTS)} starts near upright"
         )
     return found
 

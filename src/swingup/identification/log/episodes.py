@@ -64,10 +64,7 @@ def continued(angles: Float[np.ndarray, "rows 2"]) -> tuple[Float[np.ndarray, "r
 
 
 def cut_episodes(
-    time: Float[np.ndarray, "rows"],
-    q: Float[np.ndarray, "rows 2"],
-    fresh: Bool[np.ndarray, "rows"],
-    longest: float,
+    time: Float[np.ndarray, "rows"], q: Float[np.ndarray, "rows 2"], fresh: Bool[np.ndarray, "rows"], longest: float
 ) -> tuple[Bool[np.ndarray, "rows"], Float[np.ndarray, "rows"], list[str]]:
     """Cut a log where its angles jump: rows to keep, times with a gap at each cut, and notes.
 
