@@ -1,4 +1,4 @@
-"""The problem and its unknowns: which entries of the sessions' models are free, shared or known, and expected.
+"""A fit's problem and unknowns: which entries of the models are free, shared or known, and what is expected.
 
 All sessions share the plant. Offsets, torque gain, delay and lag belong to a session. A free entry is
 
@@ -147,7 +147,7 @@ class Problem:
         return any(name in self.known for name in MASSES)
 
     def unknowns(self, plant: bool) -> Unknowns:
-        """All unknowns, or those of the loop alone, with the plant as it is."""
+        """All unknowns, or those of the loop alone; what is neither free nor known has the start's value."""
         known = self.known if plant else {name: value for name, value in self.known.items() if name in LATENCY}
         count, rows, entries = max(self.sessions) + 1, list[Expectation](), list[int]()
         place, fixed = np.full((count, len(NAMES)), -1), np.tile(self.start, (count, 1))
