@@ -77,12 +77,10 @@ def _draw_figure(place: "SubFigure", figure: Figure, heading: str, entries: dict
     share: dict[str, Any] = {"sharex": "col", "sharey": "row"} if figure.shared else {}
     grid = place.subplots(-(-count // columns), columns, squeeze=False, **share)
     axes = list(grid.ravel())
-    for number, (each, panel) in enumerate(zip(axes, figure.panels, strict=False)):
+    for each, panel in zip(axes, figure.panels, strict=False):
         _draw_panel(each, panel, entries)
-        if figure.shared and number < count - columns:
-            each.set_xlabel("")
-        if figure.shared and number % columns:
-            each.set_ylabel("")
+        if figure.shared:
+            each.label_outer()
     for each, panel in zip(axes, figure.panels, strict=False):
         for letter in panel.angles:  # after all curves, which may share the axis
             tick_angles(getattr(each, f"{letter}axis"))
@@ -104,13 +102,11 @@ def _draw_panel(axes: "Axes", panel: Panel, entries: dict[str, "Artist"]) -> Non
             mark.at, label=plain(mark.name), color=THEME[mark.colour], linewidth=0.8, linestyle="--", zorder=1
         )
         entries.setdefault(plain(mark.name), artist)
-    axes.set(xlabel=panel.x, ylabel=panel.y)
+    axes.set(xlabel=panel.x, ylabel=panel.y, title=plain(panel.title))
     if panel.x_range is not None:
         axes.set_xlim(panel.x_range)
     if panel.y_range is not None:
         axes.set_ylim(panel.y_range)
-    if panel.title:
-        axes.set_title(plain(panel.title))
     if panel.logarithmic:
         axes.set_yscale("log")
     if panel.ticks:

@@ -1,8 +1,8 @@
 """Reports as tables and figures under headings: a log beside plants, an identification, and an adaptation."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -30,8 +30,7 @@ STATES = ("q1 (rad)", "q2 (rad)", "dq1 (rad/s)", "dq2 (rad/s)")
 TORQUES = ("u1 (N m)", "u2 (N m)")
 ERRORS = ("Angle RMS (rad)", "median", "Velocity RMS (rad/s)", "median")
 QUANTITIES = ("angle", "angle_median", "velocity", "velocity_median")
-COSTS = ("Highest tip (%)", "Largest speed (rad/s)", "Energy (J)", "Torque cost (N² m² s)")
-OUTCOME = ("Run", "Outcome", "Swing-up (s)", *COSTS)
+MEASURED = ("Swing-up (s)", "Highest tip (%)", "Largest speed (rad/s)", "Energy (J)", "Torque cost (N² m² s)")
 MOST_LOGS = 3
 """Logs whose held-out windows are drawn."""
 FITTED, START = 0, 1
@@ -82,11 +81,8 @@ def report_comparison(comparison: Comparison) -> LogReport:
         f"A log of {recording.duration:.3g} s with rows every {1e3 * recording.period:.3g} ms, beside open-loop "
         f"predictions of {names}. Each starts from the smoothed measurement, and the log's torques drive it."
     )
-    parts = [
-        _over_time(comparison),
-        *_error_parts(comparison.predictions),
-        *(_run(name, run) for name, run in comparison.runs.items()),
-    ]
+    runs = [_run(name, run) for name, run in comparison.runs.items()]
+    parts = [_over_time(comparison), *_error_parts(comparison.predictions), *runs]
     return LogReport(f"{recording.name} beside {names}", lead, parts, comparison.notes)
 
 
@@ -99,10 +95,10 @@ def _motion(name: str, time: np.ndarray, x: np.ndarray, colour: str | int = "ink
     return [Curve(name, time, each, colour, look) for each in x.T]
 
 
-def _predictions(recording: Recording, predicted: Sequence[tuple[str, Segments]]) -> list[Panel]:
+def _predictions(recording: Recording, predicted: Mapping[str, Segments]) -> list[Panel]:
     """A log, and predictions of it one after another with a row of NaN between two of them."""
     series = [_motion("log", *smoothed(recording, PERIOD))]
-    for number, (name, part) in enumerate(predicted):
+    for number, (name, part) in enumerate(predicted.items()):
         time = np.pad(part.times, ((0, 0), (0, 1)), constant_values=np.nan).ravel()
         x = np.pad(part.states, ((0, 0), (0, 1), (0, 0)), constant_values=np.nan).reshape(-1, 4)
         series.append(_motion(name, time, x, number, THIN))
@@ -112,7 +108,7 @@ def _predictions(recording: Recording, predicted: Sequence[tuple[str, Segments]]
 def _over_time(comparison: Comparison) -> Part:
     recording = comparison.recording
     names = [each.name for each in comparison.predictions]
-    panels = _predictions(recording, list(zip(names, comparison.drawn, strict=True)))
+    panels = _predictions(recording, dict(zip(names, comparison.drawn, strict=True)))
     for joint in np.flatnonzero(recording.driven):
         u = Curve("log", recording.time, recording.u[:, joint], look=THIN, steps=True)
         panels.append(Panel(TIME, TORQUES[joint], [u]))
@@ -127,53 +123,44 @@ def _over_time(comparison: Comparison) -> Part:
     return Part("Predictions over time", note, tables, Figure(panels, shared=True))
 
 
+_Errors: TypeAlias = Sequence[tuple[str, ErrorRow]]
+
+
 def _error_parts(predictions: Sequence[OpenLoop]) -> list[Part]:
-    by_horizon = [list(each.horizons.items()) for each in predictions]
-    by_speed = [
-        [(f"{row.slowest:.1f}–{row.fastest:.1f}", row.errors) for row in each.speeds] for each in predictions
-    ]
+    by_horizon = {each.name: list(each.horizons.items()) for each in predictions}
+    by_speed = {
+        each.name: [(f"{row.slowest:.1f}–{row.fastest:.1f}", row.errors) for row in each.speeds]
+        for each in predictions
+    }
     note = (
         "Windows start every 0.1 s where a joint is faster than 1 rad/s. RMS is over windows and joints, the "
         "median over windows: it says more where the motion is unstable. Solid: RMS, dashed: median."
     )
-    first = _error_part("Errors by horizon", "After (s)", "horizon (s)", note, predictions, by_horizon)
+    first = _error_part("Errors by horizon", "After (s)", "horizon (s)", note, by_horizon)
     note = "Errors after 0.25 s, of four groups of windows from slow to fast. Solid: RMS, dashed: median."
     label = "fastest joint (rad/s)"
-    return [first, _error_part("Errors by speed", label.capitalize(), label, note, predictions, by_speed, True)]
+    return [first, _error_part("Errors by speed", label.capitalize(), label, note, by_speed, True)]
 
 
 def _error_part(
-    title: str,
-    head: str,
-    label: str,
-    note: str,
-    predictions: Sequence[OpenLoop],
-    errors: Sequence[Sequence[tuple[str, ErrorRow]]],
-    named: bool = False,
+    title: str, head: str, label: str, note: str, errors: Mapping[str, _Errors], named: bool = False
 ) -> Part:
     """A table of errors, and angles and velocities side by side with a solid and a dashed curve for each plant."""
-    pairs = list(zip(predictions, errors, strict=True))
     rows = [
-        [each.name, key, str(row.windows), *(shown(getattr(row, name)) for name in QUANTITIES)]
-        for each, found in pairs
+        [name, key, str(row.windows), *(shown(getattr(row, quantity)) for quantity in QUANTITIES)]
+        for name, found in errors.items()
         for key, row in found
     ]
-    keys = [key for key, _ in errors[0]]
+    keys = [key for key, _ in next(iter(errors.values()))]
     places = np.arange(float(len(keys))) if named else np.array(keys, float)
     axes: dict[str, Any] = {"ticks": keys} if named else {"logarithmic": True}
     panels = []
     for pair, unit in ((QUANTITIES[:2], "rad"), (QUANTITIES[2:], "rad/s")):
-        curves = [
-            Curve(
-                each.name if look == LINE else "",
-                places,
-                np.array([getattr(row, quantity) for _, row in found], float),  # None becomes NaN
-                number,
-                look,
-            )
-            for number, (each, found) in enumerate(pairs)
-            for quantity, look in zip(pair, (LINE, DASHED), strict=True)
-        ]
+        curves = []
+        for number, (name, found) in enumerate(errors.items()):
+            # None becomes NaN.
+            rms, median = (np.array([getattr(row, quantity) for _, row in found], float) for quantity in pair)
+            curves += [Curve(name, places, rms, number), Curve("", places, median, number, DASHED)]
         panels.append(Panel(label, f"{pair[0]} error ({unit})", curves, **axes))
     tables = [Table(("Plant", head, "Windows", *ERRORS), rows)] if rows else []
     return Part(title, note, tables, Figure(panels, columns=2) if rows else None)
@@ -190,7 +177,7 @@ def _run(name: str, found: ClosedLoop) -> Part:
         f"{found.simulated.controller} on the {robot.name}, from hanging at rest, simulated: {found.domain.name}. "
         "Unstable motions differ in timing: compare how high, how fast and how still they are, not their rows."
     )
-    table = Table(OUTCOME, [_outcome(title, run) for title, run in runs.items()])
+    table = Table(("Run", "Outcome", *MEASURED), [_outcome(title, run) for title, run in runs.items()])
     figure = Figure([*panels, Panel(TIME, TORQUES[robot.joint], torques)], shared=True)
     return Part(f"Closed loop: {name}", note, [table], figure)
 
@@ -257,7 +244,7 @@ def _windows(found: Identification) -> list[Part]:
         recording = found.recordings[log]
         windows = _apart(found.windows.take(np.flatnonzero(found.windows.log == log)))
         models = {"fitted": found.models, found.start_name: found.start_models}
-        drawn = [(name, predicted_curves(found.setting, each[log], windows)) for name, each in models.items()]
+        drawn = {name: predicted_curves(found.setting, each[log], windows) for name, each in models.items()}
         note = "Predictions over 0.5 s from the smoothed measurement, where the fit saw nothing and joints move."
         figure = Figure(_predictions(recording, drawn), shared=True)
         parts.append(Part(f"Held-out windows: {recording.name}", note, (), figure))
@@ -325,11 +312,10 @@ def _judged(result: Result) -> Part:
         [cause, ", ".join(str(seed) for seed, tip in failed if tip is not None and tip.cause == cause) or "–"]
         for cause in CAUSES
     ]
-    figure, rows = None, result.trajectory
-    if rows is not None:
-        time, x, u = map(np.asarray, (rows.time, rows.x, rows.u))
-        motion = zip((*STATES, *TORQUES), (*x.T, *u.T), strict=True)
-        panels = [Panel(TIME, label, [Curve("first draw", time, values)]) for label, values in motion]
-        figure = Figure(panels, shared=True)
+    assert result.trajectory is not None
+    rows = result.trajectory.take(slice(None))
+    motion = zip((*STATES, *TORQUES), (*rows.x.T, *rows.u.T), strict=True)
+    panels = [Panel(TIME, label, [Curve("first draw", rows.time, each)]) for label, each in motion]
     tables = [Table(("Board sim2real", "Value"), values), Table(("Failed", "Seeds"), causes)]
-    return Part("Draws that training did not see", "The first one is drawn.", tables, figure)
+    note = "The first one is drawn."
+    return Part("Draws that training did not see", note, tables, Figure(panels, shared=True))

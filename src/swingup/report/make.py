@@ -132,7 +132,7 @@ def make_show(name: str, controller: Any, robot: Robot, seed: int, plant: Plant 
     """Simulate one controller without and with a disturbance; a failed run becomes a note."""
     runs: dict[str, Trajectory] = {}
     notes: dict[str, None] = {}
-    for run, disturbance in (("undisturbed", None), ("disturbed", disturb(plant))):
+    for run, disturbance in (("undisturbed", None), ("disturbed", scaled(DISTURBANCE, scales_of(plant)))):
         try:
             found = judge(controller, robot, seed=seed, name=name, disturbance=disturbance, plant=plant).trajectory
         except SwingupError as error:
@@ -145,7 +145,7 @@ def make_show(name: str, controller: Any, robot: Robot, seed: int, plant: Plant 
 
 def describe_disturbance(seed: int, plant: Plant = LEADERBOARD) -> str:
     """The disturbance of the page's disturbed swing-ups in one sentence."""
-    found = disturb(plant)
+    found = scaled(DISTURBANCE, scales_of(plant))
     assert found.pushes is not None
     low, high = found.pushes.amplitude
     return (
@@ -153,8 +153,3 @@ def describe_disturbance(seed: int, plant: Plant = LEADERBOARD) -> str:
         f"torque ({found.torque_noise:.3g} N m), and {found.pushes.pushes} random pushes of {low:.3g} to "
         f"{high:.3g} N m on the driven joint (seed {seed}), the same for each controller."
     )
-
-
-def disturb(plant: Plant) -> DisturbanceSettings:
-    """The disturbance in the units of a plant."""
-    return scaled(DISTURBANCE, scales_of(plant))

@@ -9,12 +9,12 @@ import json
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..benchmark.columns import COLUMNS
-from ..benchmark.leaderboard import OURS
+from ..benchmark.leaderboard import OURS, Row, Table
 from ..benchmark.recording import LEAST, checked_rows
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import CRITERIA
@@ -31,9 +31,6 @@ from .figure import Figure, encode
 from .figures import LINKS, motion_panels, phase_figure, robustness_figure
 from .log_report import LogReport
 from .make import Section, Show
-
-if TYPE_CHECKING:
-    from ..benchmark.leaderboard import Row, Table
 
 SCRIPTS = ("figure.js", "physics.js", "pendulum.js", "player.js", "live.js", "main.js")
 """The page's scripts in the order of their dependencies."""
@@ -147,11 +144,11 @@ def _encode_show(
     return {"name": one_line(name), "runs": rows, "figures": encode(figures, arrays)}
 
 
-def _label(row: "Row") -> str:
+def _label(row: Row) -> str:
     return one_line(row.controller if row.source == OURS else f"{row.controller} ({row.source})")
 
 
-def _series(boards: Sequence["Table"]) -> list["Row"]:
+def _series(boards: Sequence[Table]) -> list[Row]:
     """Rows of the robustness plot, in the board's order; one row for each published controller."""
     rows = [row for board in boards if board.board == "robustness" for row in board.rows]
     measured = [row for row in rows if any(row.values[name] is not None for name in CRITERIA)]
