@@ -5,7 +5,7 @@ Sums run over the rows k = 0 .. N-2 with Δt_k = t_{k+1} - t_k, standard deviati
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -76,11 +76,8 @@ def compute_criteria(
     """The criteria and the score of rows of time (s), states before each step and torques (N m) of links (m)."""
     dt = np.diff(time)
     # The benchmark looks neither at the first row nor at the last.
-    up = tip_is_up(x, l1, l2, rules.height)[1:-1]
-    below = np.flatnonzero(~up)
-    start = int(below[-1]) + 1 if below.size else 0
-    # It compares the last time. The boards test the span as well.
-    success = start < up.size and bool(time[-1] >= SHARE * rules.duration)
+    up, times = tip_is_up(x, l1, l2, rules.height)[1:-1], time[1:-1]
+    start = int(np.max(np.flatnonzero(~up), initial=-1)) + 1
     costs = {
         # Absolute values: the benchmark counts braking as work, too.
         "energy": float(np.sum(np.abs(np.diff(x[:, :2], axis=0) * u[:-1]))),
@@ -88,10 +85,10 @@ def compute_criteria(
         "torque_smoothness": float(np.sum(np.std(np.diff(u, axis=0), axis=0))),
         "velocity_cost": float(np.sum(np.sum(x[:-1, 2:] ** 2, axis=1) * dt)),
     }
-    if not success:
+    # It compares the last time. The boards test the span as well.
+    if start == up.size or time[-1] < SHARE * rules.duration:
         return Criteria(success=False, swingup_time=None, **costs, score=0.0)
-    # The first row was cut off: entry 0 of `up` is row 1.
-    swingup_time = float(time[1 + start])
+    swingup_time = float(times[start])
     score = realai_score({"swingup_time": swingup_time, **costs}, rules.normalisers)
     return Criteria(success=True, swingup_time=swingup_time, **costs, score=score)
 
@@ -99,15 +96,12 @@ def compute_criteria(
 def follow_tip(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: "SwingUpBoard") -> TipHistory:
     """How high the tip came, and why the run failed, if it did: also at limits, unless the robot stops there."""
     reach, hold, failure, cause = l1 + l2, rules.hold, None, None
-    highest = float(tip_heights(x, l1, l2).max())
-    if rules.limits is not None and not rules.stops:
-        failure = _limit_passed(time, x, l1, l2, rules.height, rules.limits)
-    if failure is not None:
-        return TipHistory(highest, reach, failure, "beyond a limit")
+    highest, every = float(tip_heights(x, l1, l2).max()), tip_is_up(x, l1, l2, rules.height)
     # The benchmark looks neither at the first row nor at the last.
-    every = tip_is_up(x, l1, l2, rules.height)
     up, times = every[1:-1], time[1:-1]
-    if not up.any():
+    if rules.limits and not rules.stops and (passed := _limit_passed(time, x, every, rules.limits)):
+        failure, cause = passed, "beyond a limit"
+    elif not up.any():
         cause = "never up"
         failure = f"never up: the tip reached {highest:.3f} m and must pass {rules.height * reach:g} m"
     elif not up[-1]:
@@ -122,9 +116,7 @@ def follow_tip(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: "Sw
     return TipHistory(highest, reach, failure, cause)
 
 
-def _limit_passed(
-    time: np.ndarray, x: np.ndarray, l1: float, l2: float, fraction: float, limits: Limits
-) -> str | None:
+def _limit_passed(time: np.ndarray, x: np.ndarray, up: np.ndarray, limits: Limits) -> str | None:
     """Which joint first passed which limit, when and in which phase."""
     most = np.array([limits.angle, limits.angle, limits.speed, limits.speed])
     # Negated, so that a state that has diverged is beyond them.
@@ -133,7 +125,7 @@ def _limit_passed(
         return None
     row = int(beyond.any(axis=1).argmax())
     place = int(beyond[row].argmax())
-    phase = "at the top" if tip_is_up(x[:row], l1, l2, fraction).any() else "swinging up"
+    phase = "at the top" if up[:row].any() else "swinging up"
     limit = f"{most[place]:.4g} {'rad' if place < 2 else 'rad/s'}"
     joint = ("shoulder", "elbow")[place % 2]
     return f"{phase}, the {joint} passes {limit} at t = {time[row]:.3f} s"
@@ -141,8 +133,7 @@ def _limit_passed(
 
 def realai_score(costs: Mapping[str, Any], normalisers: Normalisers, tanh: Callable[..., Any] = math.tanh) -> Any:
     """1 - (1/5) Σ_i tanh(π c_i / n_i) of a successful run; names are those of :class:`Normalisers`."""
-    names = [field.name for field in fields(normalisers)]
-    penalties = [tanh(math.pi * costs[name] / getattr(normalisers, name)) for name in names]
+    penalties = [tanh(math.pi * costs[name] / most) for name, most in vars(normalisers).items()]
     return 1.0 - sum(penalties) / len(penalties)
 
 

@@ -10,18 +10,13 @@ from ..plant.units import NUMBER, PLANT_UNITS, TIME, TORQUE, Scales
 
 @dataclass(frozen=True)
 class Normalisers:
-    """The divisor of each criterion in the RealAI score."""
+    """The divisor of each criterion in the RealAI score, in the units of :class:`~.criteria.Criteria`."""
 
     swingup_time: float
-    """s"""
     energy: float
-    """J"""
     torque_cost: float
-    """N² m² s"""
     torque_smoothness: float
-    """N m"""
     velocity_cost: float
-    """rad²/s"""
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ class SwingUpBoard(AbstractBoard):
             return board
         scales = scales_of(setting.nominal)
         pushes = {name: scaled(each, scales) for name, each in board.pushes.items()}
-        return replace(board, limits=board.limits and scaled(board.limits, scales), pushes=pushes)
+        return replace(scaled(board, scales), pushes=pushes)
 
     def cases(self, setting: Setting, seeds: Sequence[int]) -> list[Case]:
         """One swing-up a seed."""
