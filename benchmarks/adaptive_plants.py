@@ -8,10 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from swingup.benchmark.board import Case
-from swingup.benchmark.grid import make_cases, vary
 from swingup.benchmark.judge import judge
 from swingup.benchmark.result import Result
-from swingup.benchmark.robustness_board import RobustnessBoard, upright
+from swingup.benchmark.robustness_board import RobustnessBoard, make_cases, upright, vary
 from swingup.benchmark.rollout import Scenario, simulate
 from swingup.benchmark.rules import SWEPT, ModelSweep, Sweep
 from swingup.benchmark.runner import run_many, stack
@@ -167,7 +166,7 @@ def _told_ends(controller: AbstractController[Any], scenarios: Scenario, rules: 
     @jax.vmap
     def final(scenario: Scenario) -> jax.Array:
         knowing = tell_everything(controller, scenario.parameters)
-        return jnp.asarray(simulate(scenario, knowing, jnp.zeros(4), rules.dt, rules.steps)[0].final)
+        return simulate(scenario, knowing, jnp.zeros(4), rules.dt, rules.steps)[0]
 
     with jax.enable_x64(True):
         return np.asarray(final(scenarios))

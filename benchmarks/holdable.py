@@ -76,7 +76,7 @@ def held(policy: PendulumPolicy, scenarios: list[Scenario], depth: int) -> np.nd
     def states(scenario: Scenario, cost_to_go: jax.Array) -> jax.Array:
         knowing = tell_everything(controller, scenario.parameters)
         knowing = eqx.tree_at(lambda c: c.controller.start, knowing, cost_to_go)
-        return jnp.asarray(simulate(scenario, knowing, jnp.asarray(UPRIGHT + OFF), 0.002, steps, depth)[1].x)
+        return jnp.asarray(simulate(scenario, knowing, jnp.asarray(UPRIGHT + OFF), 0.002, steps, depth)[-1].x)
 
     with jax.enable_x64(True):
         x = np.asarray(states(stack(scenarios), np.stack(costs)))

@@ -14,8 +14,8 @@ from collections.abc import Callable
 import numpy as np
 
 from swingup.benchmark.boards import ROBUSTNESS
-from swingup.benchmark.grid import make_cases
 from swingup.benchmark.judge import judge
+from swingup.benchmark.robustness_board import make_cases
 from swingup.benchmark.rules import CRITERIA
 from swingup.controllers.registry import get_controller
 from swingup.controllers.stack.controller import PolicyController

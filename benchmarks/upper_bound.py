@@ -20,8 +20,7 @@ import numpy as np
 
 from swingup.benchmark.board import Case
 from swingup.benchmark.boards import ROBUSTNESS
-from swingup.benchmark.grid import make_cases
-from swingup.benchmark.robustness_board import RobustnessBoard, upright
+from swingup.benchmark.robustness_board import RobustnessBoard, make_cases, upright
 from swingup.benchmark.rollout import Scenario, Trajectory, simulate
 from swingup.benchmark.runner import stack
 from swingup.controllers.baselines.continuation import SwingUps, continue_swingups
@@ -42,8 +41,8 @@ def simulated(
     @jax.vmap
     def run(arrays: LatchingSwitch, plant: Plant) -> tuple[jax.Array, Trajectory]:
         controller = eqx.combine(arrays, static)
-        end, rows = simulate(Scenario(plant), controller, jnp.zeros(4), rules.dt, rules.steps)
-        return jnp.asarray(end.final), rows
+        final, _, rows = simulate(Scenario(plant), controller, jnp.zeros(4), rules.dt, rules.steps)
+        return final, rows
 
     with jax.enable_x64(True):
         final, rows = run(arrays, stack(plants))

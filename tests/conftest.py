@@ -30,7 +30,7 @@ import jax  # noqa: E402
 import pytest  # noqa: E402
 
 from swingup.benchmark.boards import ROBUSTNESS, UPTIME  # noqa: E402
-from swingup.benchmark.grid import change_grid  # noqa: E402
+from swingup.benchmark.robustness_board import change_grid  # noqa: E402
 from swingup.plant.plant import NAMES  # noqa: E402
 from swingup.plant.robots import ROBOTS  # noqa: E402
 

@@ -18,7 +18,7 @@ from swingup import AREAPO, get_controller, identify, judge, leaderboard, load_p
 from swingup.areapo.config import Config
 from swingup.benchmark.boards import ROBUSTNESS
 from swingup.benchmark.disturbances import DisturbanceSettings
-from swingup.benchmark.grid import change_grid
+from swingup.benchmark.robustness_board import change_grid
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import PushRules
 from swingup.cli.plotting import plot_command

@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from .benchmark.boards import BOARDS as BOARDS
     from .benchmark.disturbances import DisturbanceSettings as DisturbanceSettings
     from .benchmark.judge import judge as judge
+    from .benchmark.judge import score as score
     from .benchmark.leaderboard import Table as Table
     from .benchmark.leaderboard import leaderboard as leaderboard
     from .benchmark.result import Result as Result
-    from .benchmark.score import score as score
     from .controllers.baselines.baselines import baseline as baseline
     from .controllers.interface.check import check_controller as check_controller
     from .controllers.interface.compiled import loop_controller as loop_controller
@@ -60,7 +60,7 @@ _HOMES = {
     "measured_plant": "plant.measured",
     "rehearse": "rehearsal.rehearse",
     "save_plant": "plant.save",
-    "score": "benchmark.score",
+    "score": "benchmark.judge",
     "search": "sweep.search",
 }
 

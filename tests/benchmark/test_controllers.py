@@ -7,7 +7,7 @@ import pytest
 
 from refusals import refusal
 from swingup import judge
-from swingup.benchmark.grid import change_grid
+from swingup.benchmark.robustness_board import change_grid
 
 from .controllers import BRIEF, SWINGING, Counting, Memoryless, PlainCounting, swinging
 

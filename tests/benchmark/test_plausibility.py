@@ -12,8 +12,8 @@ import pytest
 from refusals import refusal
 from swingup import BOARDS, SwingupError, get_controller, judge, score
 from swingup.benchmark.plausibility import examine
+from swingup.benchmark.recording import load_trajectory
 from swingup.benchmark.rollout import Trajectory
-from swingup.benchmark.trajectory_file import load_trajectory
 from swingup.cli import main
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.plant import LEADERBOARD, load_plant

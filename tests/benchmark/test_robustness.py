@@ -14,9 +14,8 @@ from refusals import refusal
 from swingup.benchmark.board import Case, Run
 from swingup.benchmark.boards import PERFORMANCE
 from swingup.benchmark.disturbances import DisturbanceSettings, draw_pushes
-from swingup.benchmark.grid import change_grid, make_cases
 from swingup.benchmark.judge import judge
-from swingup.benchmark.robustness_board import upright
+from swingup.benchmark.robustness_board import change_grid, make_cases, upright
 from swingup.benchmark.rollout import Scenario
 from swingup.benchmark.rules import CRITERIA, RANDOM, PushRules, Sweep
 from swingup.benchmark.runner import run_many, stack
@@ -88,7 +87,7 @@ def test_model_errors_change_one_parameter_each(robot, plant):
     ranges = {name: nominal[name] + np.array(ends) for name, ends in added.items()}
     for name in ("m1r1", "I1", "m2r2", "m2", "I2"):
         ranges[name] = nominal[fields.get(name, name)] * np.array([0.75, 1.25])
-    cases = make_cases(robot, V2, "model", 0, plant)
+    cases = make_cases(robot, V2, "model", 0, load_plant(plant))
     assert {case.settings["parameter"] for case in cases} == set(ranges)
     for name, (low, high) in ranges.items():
         chosen = [case.scenario.parameters.values() for case in cases if case.settings["parameter"] == name]

@@ -70,8 +70,8 @@ def test_closed_loop_agrees_with_a_numpy_loop(robot):
     world = World(STEPS, 0.6, 3, PUSHES, *map(np.asarray, noise))
     expected = closed_loop(plant.values(), (robot.joint,), feedback(), X0, DT, world)
     start = Feedback(jnp.array(GAIN)), jnp.array(X0), DT
-    outcome, found = run(Scenario(plant, disturbance), *start, steps=STEPS, depth=8)
-    assert outcome.fault == -1
+    _, fault, found = run(Scenario(plant, disturbance), *start, steps=STEPS, depth=8)
+    assert fault == -1
     np.testing.assert_allclose(found.time, expected[:, 0], rtol=1e-14)
     np.testing.assert_allclose(found.x, expected[:, 1:5], rtol=0, atol=1e-9)
     np.testing.assert_allclose(found.u, expected[:, 5:], rtol=0, atol=1e-8)
@@ -90,7 +90,7 @@ def test_a_late_loop_alike_in_jax_and_on_the_host(robot):
     timing = {"late": 0.3, "lateness": 1e-3, "lag": 0.002, "delay": 0.002}
     domain = make_domain({"plant": "C.1", "quantum1": 1e-3, **timing})
     scenario = Scenario(*draw(domain, jax.random.key(5), robot), substeps=domain.substeps)
-    _, found = run(scenario, Feedback(jnp.array(GAIN)), jnp.zeros(4), DT, steps=50, depth=domain.depth)
+    *_, found = run(scenario, Feedback(jnp.array(GAIN)), jnp.zeros(4), DT, steps=50, depth=domain.depth)
     plain = PythonController(feedback())
     rows = run_one(plain, scenario, DT, 50, domain.depth)
     np.testing.assert_allclose(rows.time, found.time, rtol=1e-12)

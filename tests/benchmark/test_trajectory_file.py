@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from refusals import refusal
+from swingup.benchmark.recording import load_trajectory, save_trajectory
 from swingup.benchmark.rollout import Trajectory
-from swingup.benchmark.trajectory_file import load_trajectory, save_trajectory
 
 HEADER = "time,pos_meas1,pos_meas2,vel_meas1,vel_meas2,tau_con1,tau_con2"
 ROWS = ("0.0,1,2,3,4,5,6", "0.1,1.5,2.5,3.5,4.5,5.5,6.5", "0.2,-1,-2,-3,-4,-5,-6")

@@ -11,7 +11,7 @@ import pytest
 import swingup
 from array_files import change_file
 from refusals import refusal
-from swingup.benchmark.trajectory_file import load_trajectory
+from swingup.benchmark.recording import load_trajectory
 from swingup.controllers.baselines.baselines import shipped_reference
 from swingup.controllers.baselines.optimal import OPTIMAL_SETTINGS
 from swingup.controllers.baselines.own_units import SEARCH

@@ -15,7 +15,7 @@ import pytest
 
 from swingup import BOARDS, SwingupError, load_plant, measured_plant, save_plant, score
 from swingup.areapo.checkpoint import load_checkpoint, read_metadata
-from swingup.benchmark.trajectory_file import load_trajectory
+from swingup.benchmark.recording import load_trajectory
 from swingup.controllers.swingups.reference import load_reference, load_reference_csv
 from swingup.export.c_backend.header import c_header
 from swingup.identification.log.recording import read_recording
@@ -25,8 +25,7 @@ from swingup.loop.domain import load_domain
 from swingup.policy.file import read_network
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.pendulum import read_pendulum_policy
-from swingup.report.figures import curves_figure, robustness_figure
-from swingup.report.inputs import read_robustness
+from swingup.report.figures import curves_figure, read_robustness, robustness_figure
 
 from .inputs import KINDS, LIKE
 

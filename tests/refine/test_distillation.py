@@ -10,7 +10,7 @@ import pytest
 
 from policies import lone_policy, new_actor
 from swingup.benchmark.boards import ROBUSTNESS
-from swingup.benchmark.grid import make_cases
+from swingup.benchmark.robustness_board import make_cases
 from swingup.controllers.baselines.continuation import ContinuationSettings, nominal_swingups
 from swingup.controllers.stack.controller import PolicyController, policy_alone
 from swingup.controllers.stack.policy import Policy

@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 
 from refusals import refusal
+from swingup.benchmark.recording import save_trajectory
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import CRITERIA
-from swingup.benchmark.trajectory_file import save_trajectory
 from swingup.cli.plotting import plot_command
 from swingup.plant.robots import ROBOTS
 from swingup.report import figures
 from swingup.report.draw import draw, render
-from swingup.report.figures import unwrapped
-from swingup.report.inputs import make_labels
+from swingup.report.figures import make_labels, unwrapped
 
 
 def swing(turns=0.5, joint=1, rows=1001, dt=0.01):

@@ -8,6 +8,7 @@ from functools import partial
 from importlib import resources
 from typing import Any
 
+from ..common.checks import check_seeds
 from ..common.errors import SwingupError
 from ..controllers.baselines.baselines import BASELINES
 from ..controllers.registry import designs_for, get_controller, has_estimator
@@ -17,7 +18,6 @@ from ..policy.shipped import ADAPTIVE, AR_EAPO, GLOBAL
 from .board import AbstractBoard, Setting
 from .boards import BOARDS, PERFORMANCE, get_board
 from .judge import judge, make_setting
-from .seeds import check_seeds
 from .uptime_board import UptimeBoard
 
 OURS = "ours"
@@ -105,14 +105,13 @@ def leaderboard(
             got one. The row of a controller that fails says so.
     """
     robot, seed, found = get_robot(robot), check_seeds(seed, 1)[0], load_plant(plant)
-    tables = []
+    usual, tables = found == LEADERBOARD, []
     for board in map(get_board, boards):
-        if board.domain is not None and found != LEADERBOARD:
+        if board.domain is not None and not usual:
             raise SwingupError(f"the board {board.name} draws plants from a domain: leave the plant {plant} out")
         setting = make_setting(robot, board, found if board.domain is None else None)
         names = default_entrants(board) if entrants is None else entrants
         entered = entrants_for(robot, controllers or {}, names, alone=True, plant=setting.plant)
-        usual = found == LEADERBOARD or board.domain is not None
         rows = published_rows(robot, board.name) if usual else []
         for name, controller in entered.items():
             if board.name == "robustness" and name in SHIPPED_ROBUSTNESS and usual and not recompute:
@@ -127,10 +126,11 @@ def leaderboard(
 
 def default_entrants(board: AbstractBoard) -> tuple[str, ...]:
     """Names of the built-in controllers on a board."""
-    thrown = isinstance(board, UptimeBoard)
-    if isinstance(board, UptimeBoard) and board.cell is not None:
-        return tuple(name for name in ENTRANTS if name in BASELINES)  # the shipped policies were made for C.1
-    return (*ENTRANTS, *FURTHER, *(FOR_THROWS if thrown else ()))
+    if not isinstance(board, UptimeBoard):
+        return (*ENTRANTS, *FURTHER)
+    if board.cell is None:
+        return (*ENTRANTS, *FURTHER, *FOR_THROWS)
+    return tuple(name for name in ENTRANTS if name in BASELINES)  # the shipped policies were made for C.1
 
 
 def entrants_for(

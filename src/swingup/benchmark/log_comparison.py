@@ -19,11 +19,10 @@ from ..loop.domain import Domain
 from ..loop.on_plant import loop_around
 from ..plant.robots import Robot, get_robot
 from .boards import HARDWARE
-from .judge import judge
+from .judge import judge, score
 from .recording import driven_robot
 from .result import Result
 from .rollout import Trajectory
-from .score import score
 
 MOST_PLANTS = 4
 """So many colours can be told apart."""

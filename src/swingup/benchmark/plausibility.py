@@ -117,7 +117,7 @@ class Finding:
 def examine(
     trajectory: Trajectory, robot: Robot, board: AbstractBoard, plant: Plant = LEADERBOARD
 ) -> list[Finding]:
-    """Look at a trajectory that :func:`~swingup.benchmark.score.score` accepts.
+    """Look at a trajectory that :func:`~swingup.benchmark.judge.score` accepts.
 
     The plant is the recording's, with or without its friction; the leaderboards' has that of design C.1.
     """
@@ -137,8 +137,7 @@ def examine(
         rates = x[:, 2:] if simulated else slopes_of(time, np.unwrap(x[:, :2], axis=0), window)
         return [
             *_short_span(time, board.duration, "it scores 0" if scored else "the rest counts as down"),
-            *_periods(period, refuses=scored),
-            *_rate(period, board.dt, simulated, compares=scored),
+            *_periods(period, board.dt, simulated, scored),
             *_start(x[0], scales.scaled(HANGING[1], VELOCITY), refuses=not anywhere),
             *_torques(u, robot, float(max(plants[0].tl1, plants[0].tl2)), thrown=not scored),
             *_positions(period, slip, scales),
@@ -163,7 +162,7 @@ def _short_span(time: np.ndarray, duration: float, consequence: str) -> _Found:
         yield Finding("short_span", f"it spans {span:.4g} s of {duration:g} s: below {SHARE:.0%} {consequence}")
 
 
-def _periods(period: np.ndarray, refuses: bool) -> _Found:
+def _periods(period: np.ndarray, dt: float, simulated: bool, scored: bool) -> _Found:
     usual, longest = float(np.median(period)), float(period.max())
     uneven = float(np.mean(np.abs(period - usual) > UNEVEN[0] * usual))
     if longest > LONGEST_PERIOD * usual or uneven > UNEVEN[1]:
@@ -171,12 +170,8 @@ def _periods(period: np.ndarray, refuses: bool) -> _Found:
             "irregular_periods",
             f"its periods reach {longest:.4g} s, their median is {usual:.4g} s, and {uneven:.0%} are far from it: "
             f"record all rows, at most {GAP:g} s apart",
-            refuses and longest > GAP,
+            refuses=scored and longest > GAP,
         )
-
-
-def _rate(period: np.ndarray, dt: float, simulated: bool, compares: bool) -> _Found:
-    usual = float(np.median(period))
     slowest, fastest = 1 / (FACTOR * dt) if simulated else SLOWEST, FACTOR / dt
     # The margins are for rounding.
     if not slowest * (1 - 1e-6) <= 1 / usual <= fastest * (1 + 1e-6):
@@ -186,7 +181,7 @@ def _rate(period: np.ndarray, dt: float, simulated: bool, compares: bool) -> _Fo
             refuses=True,
         )
     # The uptime compares no row with the next.
-    elif compares and abs(dt / usual - 1) > RATE:
+    elif scored and abs(dt / usual - 1) > RATE:
         yield Finding(
             "rate",
             f"it has {1 / usual:.4g} Hz, where the board has {1 / dt:g} Hz: the torque smoothness, which "

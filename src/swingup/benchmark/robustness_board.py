@@ -1,23 +1,28 @@
 """The robustness board: the shares of a grid of simulations in which the pendulum ends upright."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import fmean
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from ..common.checks import one_of
+from ..common.checks import MOST_SEEDS, one_of
+from ..common.errors import SwingupError
 from ..dynamics.angles import UPRIGHT, wrap_difference
 from ..dynamics.integrate import stable_substeps
-from ..plant.plant import LEADERBOARD
+from ..loop.disturbance import Disturbance, undisturbed
+from ..plant.plant import LEADERBOARD, Plant, validated
+from ..plant.robots import Robot
 from ..plant.units import STATE, TIME, TORQUE, VELOCITY, scaled, scales_of
 from .board import AbstractBoard, Case, Run, Setting, Summary
-from .grid import make_cases
+from .disturbances import draw_pushes, floored_delay_steps
 from .interval import mean_interval
-from .rollout import Trajectory
-from .rules import CRITERIA, MODEL_SWEEPS, RANDOM, ModelSweep, PushRules, Sweep
-from .seeds import MOST_SEEDS
+from .rollout import Scenario, Trajectory
+from .rules import CRITERIA, MODEL_SWEEPS, RANDOM, SWEPT, ModelSweep, PushRules, Sweep
+
+MOST_CASES = 10_000
+"""Simulations of one criterion; more are refused."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,18 +87,15 @@ class RobustnessBoard(AbstractBoard):
         count.
         """
         by_seed = [_percentages(runs, seed) for seed in seeds]
-        values: dict[str, float | None] = {name: fmean(each[name] for each in by_seed) for name in by_seed[0]}
-        complete = len(values) == len(CRITERIA)
-        scores = [fmean(each.values()) / 100 for each in by_seed] if complete else []
-        intervals = {}
+        values = {name: fmean(each[name] for each in by_seed) for name in by_seed[0]}
+        complete, intervals = len(values) == len(CRITERIA), {}
         if len(seeds) > 1:
             random = [name for name in RANDOM if name in values]
             intervals = {name: mean_interval([each[name] for each in by_seed], 0.0, 100.0) for name in random}
             if complete:
-                intervals["score"] = mean_interval(scores, 0.0, 1.0)
+                intervals["score"] = mean_interval([fmean(each.values()) / 100 for each in by_seed], 0.0, 1.0)
         # The mean of the means, as the board rounds: the mean of the scores differs in the last digit.
-        percent = [fmean(each[name] for each in by_seed) for name in by_seed[0]]
-        return values | {"score": fmean(percent) / 100 if complete else None}, intervals
+        return values | {"score": fmean(values.values()) / 100 if complete else None}, intervals
 
 
 def upright(final: np.ndarray, tolerance: Sequence[float]) -> np.ndarray:
@@ -112,3 +114,116 @@ def _percentages(runs: Sequence[Run], seed: int) -> dict[str, float]:
             groups.setdefault(str(case.criterion), {}).setdefault(case.group, []).append(run.success)
     counts = {name: [2 * sum(group) > len(group) for group in each.values()] for name, each in groups.items()}
     return {name: 100.0 * fmean(each) for name, each in counts.items()}
+
+
+def make_cases(
+    robot: Robot, rules: RobustnessBoard, criterion: str, seed: int, plant: Plant = LEADERBOARD
+) -> list[Case]:
+    """All simulations of one criterion on a grid around the plant; the seed is that of noise and pushes."""
+    nominal = plant.driven(robot)
+    # Room for pushes in every case: scenarios of one structure can be stacked.
+    calm = undisturbed(rules.perturbations.pushes)
+    if criterion == "model":
+        made = list(_model_cases(nominal, calm, rules))
+    elif criterion == "perturbations":
+        made = list(_push_cases(nominal, calm, rules, seed))
+    else:
+        made = list(_sweep_cases(nominal, calm, rules, criterion))
+    if len(made) > MOST_CASES:
+        raise SwingupError(
+            f"{criterion} has {len(made)} simulations: at most {MOST_CASES} can have noise of their own"
+        )
+    return [_seeded(case, seed, index) for index, case in enumerate(made)] if criterion in RANDOM else made
+
+
+def _model_cases(nominal: Plant, calm: Disturbance, rules: RobustnessBoard) -> Iterator[Case]:
+    swept = [(name, model, value) for name, model in rules.model.items() for value in model.sweep.values()]
+    for group, (name, model, value) in enumerate(swept):
+        settings = {"parameter": name, "relative": model.relative, "value": value}
+        yield Case(Scenario(validated(vary(nominal, model, value)), calm), settings, "model", group)
+
+
+def vary(nominal: Plant, model: ModelSweep, value: float) -> Plant:
+    """The plant with one value of a sweep: with a product m r it is r that changes."""
+    if model.relative:
+        mass = 1.0 if model.mass is None else getattr(nominal, model.mass)
+        # The benchmark varies m r and divides by m. Another order of operations would round differently.
+        value = mass * getattr(nominal, model.parameter) * value / mass
+    else:
+        # Added: the leaderboards' plant has 0 of what changes so, other plants have not.
+        value = getattr(nominal, model.parameter) + value
+    return nominal.changed(**{model.parameter: value})
+
+
+def _sweep_cases(nominal: Plant, calm: Disturbance, rules: RobustnessBoard, criterion: str) -> Iterator[Case]:
+    sweep: Sweep = getattr(rules, criterion)
+    for group, value in enumerate(sweep.values()):
+        # A negative response can be simulated; a negative deviation or delay has no meaning.
+        if criterion != "torque_response" and value < 0:
+            raise SwingupError(f"{criterion} = {value:g} must not be negative: correct the grid")
+        if criterion == "delay":
+            disturbed = replace(calm, delay_steps=floored_delay_steps(value, rules.dt))
+        else:
+            disturbed = calm.changed(**{"response" if criterion == "torque_response" else criterion: value})
+        scenario = Scenario(nominal, disturbed)
+        for repetition in range(sweep.repetitions):
+            settings = {"value": value} | ({"repetition": repetition} if sweep.repetitions > 1 else {})
+            yield Case(scenario, settings, criterion, group)
+
+
+def _push_cases(nominal: Plant, calm: Disturbance, rules: RobustnessBoard, seed: int) -> Iterator[Case]:
+    random = np.random.default_rng(seed)
+    for profile in range(rules.perturbations.profiles):
+        pushes = draw_pushes(random, rules.perturbations, rules.duration)
+        numbers = {name: getattr(pushes, name).tolist() for name in ("centre", "width", "amplitude")}
+        scenario = Scenario(nominal, replace(calm, pushes=pushes))
+        yield Case(scenario, {"profile": profile, **numbers}, "perturbations", profile)
+
+
+def _seeded(case: Case, seed: int, index: int) -> Case:
+    """The case with a noise of its own: no two of a grid, and no two seeds, share a key."""
+    # The stride leaves room for the largest grid of each criterion.
+    key = np.array([seed, MOST_CASES * CRITERIA.index(str(case.criterion)) + index], np.uint32)
+    assert case.scenario.disturbance is not None
+    disturbance = replace(case.scenario.disturbance, noise=key)
+    scenario = replace(case.scenario, disturbance=disturbance)
+    return replace(case, settings={**case.settings, "seed": seed}, scenario=scenario)
+
+
+def change_grid(rules: RobustnessBoard, text: str) -> RobustnessBoard:
+    """Rules with other values in one sweep, and a name that says so.
+
+    The text is ``NAME=LOW:HIGH:COUNT`` or ``NAME=LOW:HIGH:COUNT:REPETITIONS`` for a criterion or a parameter of the
+    model, or ``perturbations=PROFILES``.
+    """
+    name, _, values = text.partition("=")
+    changed: dict[str, Any]
+    if name == "perturbations":
+        _, (profiles,) = _parse(text, values, 0, 1)
+        changed = {name: replace(rules.perturbations, profiles=profiles)}
+    elif name in rules.model:
+        (low, high), counts = _parse(text, values, 2, 1, 2)
+        model = replace(rules.model[name], sweep=Sweep(low, high, *counts))
+        changed = {"model": {**rules.model, name: model}}
+    elif name in SWEPT:
+        (low, high), (count, *repetitions) = _parse(text, values, 2, 1, 2)
+        changed = {name: Sweep(low, high, count, *(repetitions or [getattr(rules, name).repetitions]))}
+    else:
+        known = ", ".join([*SWEPT, "perturbations", *rules.model])
+        raise SwingupError(f"grid {text!r} names no sweep: use NAME=LOW:HIGH:COUNT with one of {known}")
+    return replace(rules, name=f"{rules.name} {text}", **changed)
+
+
+def _parse(text: str, values: str, ends: int, *counts: int) -> tuple[list[float], list[int]]:
+    """So many ends of a range, and one of so many counts behind them."""
+    try:
+        numbers = [float(part) for part in values.split(":")]
+    except ValueError:
+        numbers = []
+    # The comparison also refuses NaN, which float() accepts.
+    if len(numbers) - ends not in counts or not all(abs(number) < 1e9 for number in numbers):
+        raise SwingupError(f"grid {text!r} is malformed: write NAME=LOW:HIGH:COUNT or perturbations=PROFILES")
+    for number in numbers[ends:]:
+        if number != int(number) or not 1 <= number < 10_000:
+            raise SwingupError(f"grid {text!r} has a count of {number:g}: use a whole number of 1 to 9999")
+    return numbers[:ends], [int(number) for number in numbers[ends:]]

@@ -1,7 +1,7 @@
 """The closed loop of the benchmark, one step in its exact order: measure, control, apply the torque, integrate.
 
 Two loops run the same steps: :func:`simulate` compiles a whole simulation with a controller in JAX, and
-:mod:`.host` calls a controller in plain Python between two compiled half steps.
+:mod:`.runner` calls a controller in plain Python between two compiled half steps.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from ..common.types import Count, Flag, Scalar, State, Torque
 from ..controllers.interface.controller import AbstractController
@@ -96,15 +96,6 @@ class LoopState(eqx.Module):
     """The supervisor's memory, and what it does in the step measured last."""
 
 
-class SimulationEnd(eqx.Module):
-    """How one simulation ended."""
-
-    final: Float[Rows, "4"]
-    """The state after the last step."""
-    fault: Int[Rows, ""]
-    """First step in which the controller answered a finite measurement with a torque that is not finite, or -1."""
-
-
 @dataclass
 class SimulatedBatch:
     """Simulations side by side; NumPy arrays in float64."""
@@ -141,7 +132,7 @@ def measure(scenario: Scenario, loop: LoopState, step: Count, dt: float = LOOP_D
     """First half of a step of dt (s): the measured state, and whether the controller is called at all."""
     called, measured, now = jnp.array(True), loop.x, loop_time(loop, step, dt)
     if scenario.disturbance is not None:
-        disturbance, shown = scenario.disturbance, loop.x
+        disturbance, shown, held = scenario.disturbance, loop.x, jnp.array(0)
         if disturbance.effects.windup:
             shown = motor_side(disturbance.loop, loop.x, loop.motors[1])
         past = remember(loop.past, step, shown)
@@ -151,9 +142,7 @@ def measure(scenario: Scenario, loop: LoopState, step: Count, dt: float = LOOP_D
             held, broken = sample_gap(disturbance, step, dt, loop.x.dtype)
             # A sample repeats with its noise.
             noise = step_noise(disturbance, step - held, loop.x.dtype)[0] + broken
-            measured = measured_state(disturbance, past, step, noise, times, held)
-        else:
-            measured = measured_state(disturbance, past, step, noise, times)
+        measured = measured_state(disturbance, past, step, noise, times, held)
         loop = replace(loop, past=past, times=times, torque_noise=torque_noise)
     if scenario.supervisor is not None and loop.supervision is not None:
         supervision = scenario.supervisor(loop.supervision[0], now, measured)
@@ -179,17 +168,17 @@ def record(scenario: Scenario, loop: LoopState, measured: State, command: Torque
 
 def apply_torque(scenario: Scenario, loop: LoopState, step: Count, command: Torque, dt: float) -> LoopState:
     """Second half of a step: the motor, the pushes, and the plant for dt (s) with its torque held."""
-    p, motors, command = scenario.parameters, loop.motors, asked(loop, command)
+    p, motors, command, disturbance = scenario.parameters, loop.motors, asked(loop, command), scenario.disturbance
     period: float | Scalar = dt
     limits = jnp.array([p.tl1, p.tl2], loop.x.dtype)
-    if scenario.disturbance is None:
-        u = jnp.clip(command, -limits, limits)
+    if disturbance is None:
+        u = acting = jnp.clip(command, -limits, limits)
     else:
-        period = step_period(scenario.disturbance, step, dt, loop.x.dtype)
+        period = step_period(disturbance, step, dt, loop.x.dtype)
         time, noise = loop_time(loop, step, dt), loop.torque_noise
-        u, motors = motor_torques(scenario.disturbance, command, motors, time, noise, limits, loop.x, period)
+        u, motors = motor_torques(disturbance, command, motors, time, noise, limits, loop.x, period)
+        acting = loaded(disturbance, u, loop.x)
     times = None if loop.times is None else loop.times.after(period)
-    acting = u if scenario.disturbance is None else loaded(scenario.disturbance, u, loop.x)
     x = rk4_steps(p, loop.x, acting, period, scenario.substeps)
     return replace(loop, x=x, u=u, motors=motors, times=times)
 
@@ -202,8 +191,11 @@ def simulate(
     steps: int,
     depth: int = 1,
     guard: Callable[[State], State] = lambda x: x,
-) -> tuple[SimulationEnd, Trajectory]:
+) -> tuple[State, Count, Trajectory]:
     """Run a controller for ``steps`` steps of dt (s) from x0, RK4 with the torque held over each step.
+
+    Returns the state after the last step; the first step in which the controller answered a finite measurement with
+    a torque that is not finite, or -1; and all rows.
 
     It is called at every step but those of a throw. So many states are remembered as ``depth`` says: more than the
     largest delay (steps), and one more for velocities that are differences. The guard has the state before each
@@ -232,4 +224,4 @@ def simulate(
 
     start = initial_loop(scenario, x0, depth, dt), controller.init(), jnp.array(-1)
     (loop, _, fault), trajectory = jax.lax.scan(step, start, jnp.arange(steps))
-    return SimulationEnd(loop.x, fault), trajectory
+    return loop.x, fault, trajectory

@@ -4,6 +4,8 @@ import functools
 import logging
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from statistics import median
+from time import perf_counter
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import equinox as eqx
@@ -14,10 +16,11 @@ import numpy as np
 from ..common.cores import cores
 from ..common.errors import SwingupError, naming
 from ..common.foreign import errors_named_after
+from ..common.types import Count, State
 from ..controllers.baselines.switch import AbstractExpensiveController
 from ..controllers.interface.call_time import announce
 from ..controllers.interface.controller import AbstractController, check_interface, check_robot, split
-from ..controllers.interface.python_controller import PythonController
+from ..controllers.interface.python_controller import Answer, PythonController, answer
 from ..controllers.registry import Controller
 from ..controllers.stack.controller import PolicyController, plant_of, policy_of
 from ..controllers.stack.estimator import EstimatingController
@@ -25,8 +28,17 @@ from ..controllers.stack.regulator import RegulatingController
 from ..plant.plant import Plant
 from ..plant.robots import Robot
 from ..policy.plant_facts import plant_difference
-from .host import simulate_on_host
-from .rollout import Scenario, SimulatedBatch, SimulationEnd, Trajectory, simulate
+from .rollout import (
+    Record,
+    Scenario,
+    SimulatedBatch,
+    Trajectory,
+    apply_torque,
+    initial_loop,
+    measure,
+    record,
+    simulate,
+)
 
 TreeT = TypeVar("TreeT")
 
@@ -37,10 +49,18 @@ SIDE_BY_SIDE = 64
 """Copies of a controller in plain Python that exist at a time."""
 SMALLEST_BATCH = 32
 """Scenarios side by side that keep a core busy with more than calling compiled loops."""
+TIMED_STEPS = 52
+"""Steps after which the time of a whole batch in plain Python can be told."""
+TIMED_CALLS = 1000
+"""Calls that are timed: the first ones, in which a controller that plans has most to do."""
 
 _LOGGER = logging.getLogger(__name__)
 
-_Result: TypeAlias = tuple[SimulationEnd, Trajectory | None]
+_Result: TypeAlias = tuple[State, Count, Trajectory | None]
+
+_measure = jax.jit(jax.vmap(measure, in_axes=(0, 0, None, None)))
+_record = jax.jit(jax.vmap(record))
+_apply_torque = jax.jit(jax.vmap(apply_torque, in_axes=(0, 0, None, 0, None)))
 
 
 class _Span(NamedTuple):
@@ -52,17 +72,21 @@ class _Span(NamedTuple):
     keep: bool
 
 
-@jax.jit(static_argnames=("static", "span", "batched"))
-def _simulate(scenarios: Scenario, arrays: Any, static: Any, span: _Span, batched: bool) -> _Result:
+@jax.jit(static_argnames=("static", "span"))
+def _simulate(scenarios: Scenario, arrays: Any, static: Any, span: _Span) -> _Result:
     """Compiled simulations of one controller, split into its numbers and the rest."""
     controller = eqx.combine(arrays, static)
 
     def one(scenario: Scenario) -> _Result:
         # Rows that are not kept must not leave the scan: those of a whole grid take 200 MB.
-        end, rows = simulate(scenario, controller, jnp.zeros(4), span.dt, span.steps, span.depth)
-        return end, rows if span.keep else None
+        final, fault, rows = simulate(scenario, controller, jnp.zeros(4), span.dt, span.steps, span.depth)
+        return final, fault, rows if span.keep else None
 
-    return jax.vmap(one)(scenarios) if batched else one(scenarios)
+    if _length(scenarios) > 1:
+        return jax.vmap(one)(scenarios)
+    # Without a batch a controller skips the branch that it does not take.
+    alone = one(jax.tree.map(lambda leaf: leaf[0], scenarios))
+    return jax.tree.map(lambda leaf: leaf[None], alone)
 
 
 def prepare(source: Any, robot: Robot, name: str, plant: Plant | None = None) -> Controller:
@@ -141,42 +165,29 @@ def _run_compiled(
     as its slowest member, and neighbours in a grid mostly end in the same way.
     """
     number, (arrays, static) = _length(scenarios), split(controller)
-    if number == 1:
-        # Without a batch a controller skips the branch that it does not take.
-        alone = jax.tree.map(lambda leaf: leaf[0], scenarios)
-        with jax.enable_x64(True), errors_named_after("running it"):
-            result = _simulate(alone, arrays, static, span, batched=False)
-            return _batch(jax.tree.map(lambda leaf: np.asarray(leaf)[None], result), span.dt)
     on_cpu = jax.default_backend() == "cpu"
     threads = cores() if on_cpu else 1
     most = SMALLEST_BATCH if on_cpu and _is_sparing(controller) else -(-number // threads)
     size = min(number, max(SMALLEST_BATCH, most))
-    parts = -(-number // size)
     # Parts of one shape need one compilation: the last scenario fills up the last part.
-    padded = jax.tree.map(lambda leaf: leaf[np.minimum(np.arange(parts * size), number - 1)], scenarios)
+    parts = np.minimum(np.arange(-(-number // size) * size), number - 1).reshape(-1, size)
 
-    def run(part: int) -> _Result:
-        with jax.enable_x64(True):  # which is a setting of the thread
-            piece = jax.tree.map(lambda leaf: leaf[part * size : (part + 1) * size], padded)
-            with errors_named_after("running it"):
-                result = _simulate(piece, arrays, static, span, batched=True)
-                # Converted in this thread: the call above returns before its result is computed.
-                return jax.tree.map(np.asarray, result)
+    def run(part: np.ndarray) -> _Result:
+        with jax.enable_x64(True), errors_named_after("running it"):  # 64 bits are a setting of the thread
+            result = _simulate(jax.tree.map(lambda leaf: leaf[part], scenarios), arrays, static, span)
+            # Converted in this thread: the call above returns before its result is computed.
+            return jax.tree.map(np.asarray, result)
 
     pool, results = ThreadPoolExecutor(threads), []
     try:
-        for result in pool.map(run, range(parts)):
+        for result in pool.map(run, parts):
             results.append(result)
             progress(min(len(results) * size, number), number)
     finally:  # an interrupt must not wait for the parts that still run
         pool.shutdown(wait=False, cancel_futures=True)
-    return _batch(jax.tree.map(lambda *leaves: np.concatenate(leaves)[:number], *results), span.dt)
-
-
-def _batch(result: _Result, dt: float) -> SimulatedBatch:
-    end, rows = result
+    final, faults, rows = jax.tree.map(lambda *leaves: np.concatenate(leaves)[:number], *results)
     what = "it gave a torque that is not finite at t = {:g} s: correct it there"
-    return SimulatedBatch(np.asarray(end.final), [None if k < 0 else what.format(k * dt) for k in end.fault], rows)
+    return SimulatedBatch(final, [None if k < 0 else what.format(k * span.dt) for k in faults], rows)
 
 
 def _is_sparing(controller: AbstractController[Any]) -> bool:
@@ -190,16 +201,73 @@ def _run_plain(
 ) -> SimulatedBatch:
     number, runs = _length(scenarios), list[SimulatedBatch]()
     copies = controller.copies(min(SIDE_BY_SIDE, number))
-
-    def timed(step: float, call: float) -> None:
-        announce(step * span.steps * -(-number // len(copies)), call, number)
-
     for start in range(0, number, len(copies)):
         part = jax.tree.map(lambda leaf, start=start: leaf[start : start + len(copies)], scenarios)
         with jax.enable_x64(True):
-            own = copies[: _length(part)]
-            runs.append(simulate_on_host(part, own, *span, None if runs else timed))
+            runs.append(_simulate_plain(part, copies[: _length(part)], span, 0 if runs else number))
         progress(min(start + len(copies), number), number)
     rows = jax.tree.map(lambda *parts: np.concatenate(parts), *[run.trajectory for run in runs])  # or None
     faults = [fault for run in runs for fault in run.faults]
     return SimulatedBatch(np.concatenate([run.final for run in runs]), faults, rows, runs[0].call_time)
+
+
+def _simulate_plain(
+    scenarios: Scenario, controllers: Sequence[PythonController], span: _Span, announced: int
+) -> SimulatedBatch:
+    """Run one controller in each of a batch of scenarios from hanging at rest; call it in 64-bit mode.
+
+    The torque of a controller whose answer is wrong is 0 from then on. After a few steps the time of so many
+    simulations is announced as ``announced`` says.
+    """
+    number, (dt, steps, depth, keep) = len(controllers), span
+    calls: dict[int, Answer] = {}  # of the controllers without a fault
+    faults: list[str | None] = [None] * number
+    for index, controller in enumerate(controllers):
+        try:
+            calls[index] = controller.start()
+        except SwingupError as error:
+            faults[index] = str(error)
+    scenarios = jax.device_put(scenarios)  # once, not at each step
+    # A batch even for one simulation: the compiled half steps have a leading axis.
+    loop = jax.vmap(lambda each: initial_loop(each, jnp.zeros(4), depth, dt))(scenarios)
+    # A loop with a clock of its own overwrites its times.
+    time = np.tile(np.arange(steps) * dt, (number, 1))
+    kept = steps if keep else 0
+    x, u = np.zeros((number, kept, 4)), np.zeros((number, kept, 2))
+    # Rows that are never reached count as over.
+    written = Record(np.zeros_like(x), np.zeros_like(u), np.ones((number, kept), bool))
+    took: list[float] = []
+    for step in range(steps):
+        if step == 2:  # both halves are compiled
+            began = perf_counter()
+        if step == TIMED_STEPS and announced:
+            seconds = (perf_counter() - began) / (TIMED_STEPS - 2) * steps * -(-announced // number)
+            announce(seconds, median(took) if took else 0.0, announced)
+        if keep:
+            x[:, step] = loop.x
+        loop, state, called = _measure(scenarios, loop, np.int64(step), dt)
+        if loop.times is not None:
+            time[:, step] = loop.times.now
+        measured, command = np.asarray(state, np.float64), np.zeros((number, 2))
+        # No call during a throw, nor on a state that has diverged: that is not the fault of the controller.
+        able = np.asarray(called) & np.isfinite(measured).all(axis=1)
+        for index in [each for each in calls if able[each]]:
+            before = perf_counter()
+            try:
+                command[index] = answer(calls[index], measured[index], float(time[index, step]))
+            except SwingupError as error:
+                faults[index] = str(error)
+                del calls[index]
+            if len(took) < TIMED_CALLS:
+                took.append(perf_counter() - before)
+        if not calls:
+            break  # every controller has failed
+        if keep and scenarios.supervisor is not None:
+            row = _record(scenarios, loop, state, command)
+            written.x[:, step], written.u[:, step], written.over[:, step] = row.x, row.u, row.over
+        loop = _apply_torque(scenarios, loop, np.int64(step), command, dt)
+        if keep:
+            u[:, step] = loop.u
+    kept_record = None if scenarios.supervisor is None else written
+    rows = Trajectory(time=time, x=x, u=u, record=kept_record) if keep else None
+    return SimulatedBatch(np.asarray(loop.x), faults, rows, median(took) if took else None)

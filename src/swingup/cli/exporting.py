@@ -8,9 +8,8 @@ from typing import Annotated, Any
 from tyro.conf import arg
 
 from ..benchmark.boards import SIM2REAL, swing_up_board
-from ..benchmark.seeds import check_seeds
-from ..benchmark.trajectory_file import save_trajectory
-from ..common.checks import one_of, positive_number
+from ..benchmark.recording import save_trajectory
+from ..common.checks import check_seeds, one_of, positive_number
 from ..common.errors import SwingupError
 from ..common.files import check_writable, write_atomically
 from ..common.text import command_line

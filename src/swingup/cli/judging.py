@@ -11,13 +11,11 @@ from tyro.conf import arg
 from ..benchmark.board import AbstractBoard
 from ..benchmark.boards import BOARDS, get_board
 from ..benchmark.disturbances import DisturbanceSettings
-from ..benchmark.grid import change_grid
-from ..benchmark.judge import judge, make_setting
+from ..benchmark.judge import judge, make_setting, score
 from ..benchmark.leaderboard import DEFAULT_BOARDS, leaderboard
-from ..benchmark.robustness_board import RobustnessBoard
+from ..benchmark.recording import load_trajectory, save_trajectory
+from ..benchmark.robustness_board import RobustnessBoard, change_grid
 from ..benchmark.rules import PushRules
-from ..benchmark.score import score
-from ..benchmark.trajectory_file import load_trajectory, save_trajectory
 from ..common.errors import SwingupError
 from ..common.files import check_writable, write_atomically
 from ..common.text import command_line

@@ -4,16 +4,21 @@ from typing import Annotated
 
 from tyro.conf import arg
 
-from ..benchmark.recording import driven_robot
-from ..benchmark.trajectory_file import load_trajectory
+from ..benchmark.recording import driven_robot, load_trajectory
 from ..common.checks import one_of
 from ..common.errors import SwingupError
 from ..common.files import check_suffix, check_writable, write_atomically
 from ..learner.metrics import read_metrics
 from ..report.draw import FIGURE_FORMATS, draw, render
-from ..report.figures import curves_figure, phase_figure, robustness_figure, trajectory_figure
+from ..report.figures import (
+    curves_figure,
+    make_labels,
+    phase_figure,
+    read_robustness,
+    robustness_figure,
+    trajectory_figure,
+)
 from ..report.film import FILM_FORMATS, FPS, SIZE, animate
-from ..report.inputs import make_labels, read_robustness
 from .arguments import NO_OPTIONS, Names, PlantOptions, RobotName, plant_of
 from .output import tell
 

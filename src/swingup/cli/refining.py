@@ -10,7 +10,7 @@ from tyro.conf import arg
 
 from ..benchmark.judge import judge
 from ..benchmark.result import Result
-from ..benchmark.seeds import check_seeds
+from ..common.checks import check_seeds
 from ..common.errors import SwingupError
 from ..common.files import check_writable, write_atomically, write_map
 from ..common.text import command_line, duration

@@ -11,6 +11,10 @@ from .text import quoted
 
 LARGEST_NUMBER = 1e9
 """No quantity in SI units comes near this; squares of larger numbers might overflow."""
+LARGEST_SEED = 2**31 - 1
+"""Noise keys hold a seed in 32 bits."""
+MOST_SEEDS = 9999
+"""Upper limit on seeds, to catch typing errors."""
 
 
 def is_number(value: Any) -> bool:
@@ -47,6 +51,12 @@ def whole_number(name: str, value: Any, least: int, most: int | None = None) -> 
         bounds = f"of at least {least}" if most is None else f"from {least} to {most}"
         raise SwingupError(f"{name} = {quoted(value)}: use a whole number {bounds}")
     return int(value)
+
+
+def check_seeds(seed: int, seeds: int) -> range:
+    """The seeds in a row that start with ``seed``."""
+    first = whole_number("seed", seed, 0, LARGEST_SEED)
+    return range(first, first + whole_number("seeds", seeds, 1, MOST_SEEDS))
 
 
 def one_of(kind: str, value: Any, choices: Iterable[str], more: str = "") -> str:

@@ -156,7 +156,7 @@ def run_episode(
 ) -> Measures:
     """The measures of one episode (s); ``adjoint_limit`` bounds the gradient with respect to each of its states."""
     steps, guard = round(duration / SCORE_RULES.dt), lambda x: bound_adjoint(x, adjoint_limit)
-    _, rows = simulate(scenario, controller, x0, SCORE_RULES.dt, steps, guard=guard)
+    *_, rows = simulate(scenario, controller, x0, SCORE_RULES.dt, steps, guard=guard)
     return measure_episode(rows, scenario.parameters)
 
 

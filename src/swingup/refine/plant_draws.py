@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import jax
 import numpy as np
 
-from ..benchmark.grid import vary
+from ..benchmark.robustness_board import vary
 from ..benchmark.rules import MODEL_SWEEPS, ModelSweep
 from ..common.errors import SwingupError
 from ..loop.domain import Domain, load_domain

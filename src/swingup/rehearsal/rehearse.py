@@ -12,9 +12,8 @@ from ..benchmark.judge import make_setting, summed_up
 from ..benchmark.recording import recorded
 from ..benchmark.rollout import Trajectory
 from ..benchmark.runner import Progress, run_one
-from ..benchmark.seeds import check_seeds
 from ..benchmark.swing_up_board import SwingUpBoard
-from ..common.checks import positive_number
+from ..common.checks import check_seeds, positive_number
 from ..common.errors import SwingupError
 from ..controllers.interface.python_controller import PythonController
 from ..loop.domain import Domain
