@@ -319,6 +319,7 @@ def test_trials_below_the_median_are_cut_short(tmp_path, searched, pruning):
 
     study = searched(tmp_path, 7, train, pruning=pruning)
     sixth = ("PRUNED", 0.0) if pruning else ("COMPLETE", 3.0)
+    assert not any(trial.user_attrs.get("error") for trial in study.trials)
     assert cut_short == ([(5, 500)] if pruning else [])
     expected = [("COMPLETE", 3.0)] * 5 + [sixth, ("COMPLETE", 3.0)]
     assert [(trial.state.name, trial.value) for trial in study.trials] == expected
