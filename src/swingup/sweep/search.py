@@ -173,15 +173,14 @@ def _run_trials(
                 running[pool.submit(train_trial, plan, asked)] = asked
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 trial, error = running.pop(future), future.exception()
-                pruned = isinstance(error, TrialPruned)
-                told = "" if error is None or pruned else describe_error(error)
+                told = "" if error is None or isinstance(error, TrialPruned) else describe_error(error)
                 if told or "error" in trial.user_attrs:
                     trial.set_user_attr("error", told)
                 if error is None:
                     study.tell(trial.number, future.result())
                 # A worker's death says nothing of the settings: the trial stays open for the next call.
                 elif not isinstance(error, BrokenExecutor):
-                    study.tell(trial.number, state=TrialState.PRUNED if pruned else TrialState.FAIL)
+                    study.tell(trial.number, state=TrialState.FAIL if told else TrialState.PRUNED)
                 yield study.trials[trial.number]
 
 
