@@ -68,7 +68,7 @@ def held(policy: PendulumPolicy, scenarios: list[Scenario], depth: int) -> np.nd
     controller = make_controller(replace(policy, regulator=regulator))
     assert isinstance(controller, EstimatingController)
     plants = [similar_plant(each.parameters, controller.scales) for each in scenarios]
-    costs = [fixed_point(plant, policy.robot.joint)[TRIANGLE] for plant in plants]
+    costs = [fixed_point(plant, policy.robot.joint)[0][TRIANGLE] for plant in plants]
     steps = round(TIME / 0.002)
 
     @jax.jit

@@ -14,6 +14,7 @@ from swingup.benchmark.robustness_board import make_cases
 from swingup.controllers.baselines.continuation import ContinuationSettings, nominal_swingups
 from swingup.controllers.stack.controller import PolicyController, policy_alone
 from swingup.controllers.stack.policy import Policy
+from swingup.dynamics.angles import UPRIGHT
 from swingup.dynamics.dynamics import acceleration, gravity_torque
 from swingup.loop.on_plant import drawn_around, loop_around
 from swingup.plant.base_parameters import base_parameters
@@ -29,7 +30,7 @@ from swingup.refine.distillation_settings import DistillationSettings, RecoveryS
 from swingup.refine.plant_draws import SWEEPS, PlantDraws, draw_plants, plants_of
 from swingup.refine.recipe import RECOVER_ON_MANY, wrapped_policy
 from swingup.refine.recoveries import PASSING, make_recoveries, recovery_cost
-from swingup.refine.teacher import APART, TOP_COST, School, make_school, make_teachers, matched_torque
+from swingup.refine.teacher import APART, TOP_COST, School, make_school, make_teachers, matched_torque, top_cost
 from swingup.tasks.observation import PendulumStage
 
 ACROBOT, PENDUBOT = get_robot("acrobot"), get_robot("pendubot")
@@ -158,14 +159,19 @@ def test_the_swingup_teaches_near_it_the_regulator_at_the_top_and_the_recovering
     error = np.array([0.001, 0.002, 0.0, 0.0], np.float32)
     assert error @ teacher.cost_to_go @ error < TOP_COST
     torque, _ = taught(teacher, recovery, 0.5, jnp.float32([np.pi, 0, 0, 0]) + error)
-    assert float(torque) == pytest.approx(float(-teacher.top_gains @ error), abs=1e-4)
-    # Dry friction of the undriven joint costs torque there.
-    rubbing = eqx.tree_at(lambda one: one.top_friction, teacher, jnp.float32(2.0))
+    assert float(torque) == pytest.approx(float(-teacher.top_gains[:4] @ error), abs=1e-4)
+    # Dry friction of the undriven joint is answered there, and makes that region smaller.
+    rubbing = eqx.tree_at(lambda one: one.dry, teacher, jnp.float32(0.02))
     error = np.zeros(4, np.float32)
     error[3 - either_robot.joint] = 0.1
     more = taught(rubbing, recovery, 0.5, jnp.float32([np.pi, 0, 0, 0]) + error)[0]
     less = taught(teacher, recovery, 0.5, jnp.float32([np.pi, 0, 0, 0]) + error)[0]
-    assert float(more - less) == pytest.approx(0.5 * 2.0 * np.arctan(1.0), abs=1e-4)
+    assert float(more - less) == pytest.approx(0.7 * 0.02 * np.arctan(1.0) * float(teacher.top_gains[4]), abs=1e-4)
+    at = jnp.float32([np.pi, 0.004, 0, 0])
+    at += (at - jnp.float32(UPRIGHT)) * (np.sqrt(0.6 * TOP_COST / top_cost(teacher, at)) - 1)
+    expected = pytest.approx(float(-teacher.top_gains[:4] @ (at - jnp.float32(UPRIGHT))), abs=1e-3)
+    torques = [taught(eqx.tree_at(lambda one: one.dry, teacher, dry), recovery, 0.5, at)[0] for dry in (0.0, 0.1)]
+    assert [float(torque) == expected for torque in torques] == [True, False]
     # Rows at rest at the top do not teach.
     assert np.asarray(teacher.at_rest).nonzero()[0].min() * APART * 0.002 > 1.0
     x = jnp.array([1.5, 2.5, 20.0, -20.0])
@@ -265,6 +271,7 @@ def test_plants_of_any_domain_are_drawn_in_c1s_units_with_the_friction_that_no_m
     most = 1.5 * getattr(cell, passive) / torque
     friction = [getattr(plant, passive) for plant in drawn]
     assert 0.7 * most < max(friction) <= most
+    assert min(friction) >= 0
     # With a motor there is what the compensation leaves: a quarter, as of the recorded robot.
     braked = loop_around(domain, "recorded")
     drawn = plants_of(draw_plants(np.random.default_rng(0), robot, PlantDraws(0, 0, 0, robot=40), nominal, braked))

@@ -28,11 +28,11 @@ from jaxtyping import Array, Float, Int
 from ..areapo.initial import init_actor
 from ..areapo.networks import Actor
 from ..common.types import Key, Scalar
-from ..controllers.baselines.continuation import plant_lqr
 from ..controllers.stack.controller import PolicyController, plant_of
 from ..controllers.stack.policy import Policy
 from ..plant.base_parameters import BASE, base_parameters
 from ..plant.plant import Plant
+from ..policy.regulator.settings import fixed_point
 from ..tasks.observation import PendulumStage, PlantStage
 from .analytic_policy_gradient import PolicyGradientSettings, batch_cost, single_precision, with_actor
 from .dataset import Dataset, dagger_rollouts, draw_key, own_runs, swings_up, uniform_states
@@ -117,8 +117,8 @@ def recover(
     bases = jnp.float32(np.stack([base_parameters(plant) for plant in [*plants_of(plants), nominal]]))
     plants = single_precision(jax.tree.map(np.append, plants, nominal))
     student = single_precision(student)
-    dataset, top = own_runs(student, plants, bases, settings, random), plant_lqr(nominal, student.robot)
-    recoveries = make_recoveries(student, plants, bases, jnp.float32(top.cost_to_go), settings.recoveries, random)
+    dataset, top = own_runs(student, plants, bases, settings, random), fixed_point(nominal, student.robot.joint)[0]
+    recoveries = make_recoveries(student, plants, bases, jnp.float32(top[:4, :4]), settings.recoveries, random)
     told, keep = partial(progress, "recoveries"), lambda now: tell(_in_numpy(now), 0)
     student = _scored(student, bases, dataset, settings, recoveries, random, told, keep)
     tell(student, 1)

@@ -22,8 +22,9 @@ RECORDED = "recorded"
 GEAR = 6.0
 """Gear ratio of the motors of design C.1."""
 LEFT = {"b1": 0.004, "b2": 0.004, "cf1": 0.04, "cf2": 0.04}
-"""Most friction that the compensation of the recorded robot's leaves (N m s/rad, N m); it overdoes it by up to half
-of that."""
+"""Most friction that the compensation of the recorded robot's leaves (N m s/rad, N m)."""
+OVERDONE = 0.5
+"""Part of that by which compensation overdoes it at most."""
 LEFT_SHARE = 0.24
 """Part of larger frictions that their compensation leaves; those of the recorded robot are the former's."""
 ROTOR = 3e-4
@@ -125,7 +126,7 @@ def _robots(random: np.random.Generator, robot: Robot, domain: Domain, nominal: 
         drawn[name] = random.uniform(low - beyond, high + beyond)
     scales = arm_scales(domain.design.driven(robot))
     plant = domain.nominal_plant.changed(**{name: value for name, value in drawn.items() if name in NAMES})
-    left = {name: random.uniform(-0.5 * most, most) for name, most in _left(robot, domain, scales).items()}
+    left = {name: random.uniform(*ends) for name, ends in _left(robot, domain, scales).items()}
     plant = similar_plant(plant, scales).changed(**left, tl1=nominal.tl1, tl2=nominal.tl2)
     return behind_motor(plant, drawn.get(f"gain{robot.joint + 1}", 1.0))
 
@@ -135,14 +136,16 @@ def behind_motor(plant: Plant, gain: float) -> Plant:
     return replace(plant, **{name: getattr(plant, name) / gain for name in ("m1", "m2", "I1", "I2", "Ir")})
 
 
-def _left(robot: Robot, domain: Domain, scales: Scales) -> dict[str, float]:
-    """Most friction that compensation leaves, in C.1's units: all of a passive joint's without a motor."""
+def _left(robot: Robot, domain: Domain, scales: Scales) -> dict[str, tuple[float, float]]:
+    """Least and most friction that is left, in C.1's units: all of a passive joint's where no motor is."""
     other = 2 - robot.joint
     coulomb, damping, limit = f"cf{other}", f"b{other}", scales.similar(domain.low.loop.passive_limit, TORQUE)
     most = {name: getattr(similar_plant(domain.high.plant, scales), name) for name in (coulomb, damping)}
-    share = LEFT_SHARE if limit else 1.0
+    share, over = (LEFT_SHARE, OVERDONE) if limit else (1.0, 0.0)
     left = {name: max(LEFT[name], share * value) for name, value in most.items()}
-    return LEFT | left | {coulomb: max(left[coulomb], most[coulomb] - limit)}
+    left[coulomb] = max(left[coulomb], most[coulomb] - limit)
+    ends = {name: (-OVERDONE * value, value) for name, value in LEFT.items()}
+    return ends | {name: (-over * value, value) for name, value in left.items()}
 
 
 def _any_rotor(random: np.random.Generator, plant: Plant) -> Plant:

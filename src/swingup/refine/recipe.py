@@ -94,8 +94,8 @@ def stages_of(recipe: str, controller: PolicyController) -> tuple[RecipeStage, .
 
 
 HAND_OVER = {
-    "acrobot": RegulatorSettings(),
-    "pendubot": RegulatorSettings(enter=0.04, enter_coulomb=0.01, leave_coulomb=5e-4),
+    "acrobot": RegulatorSettings(enter_coulomb=0.01),
+    "pendubot": RegulatorSettings(enter=0.04, leave_coulomb=0.1),
 }
 """Chosen on plants that no board has (``docs/refining.md``)."""
 FINDING = {

@@ -21,9 +21,8 @@ from ..controllers.baselines.continuation import (
     SwingUps,
     continue_swingups,
     nominal_swingups,
-    plant_lqr,
 )
-from ..controllers.baselines.dry_friction import friction_gain
+from ..controllers.baselines.dry_friction import passive_friction
 from ..controllers.stack.controller import PolicyController, plant_of
 from ..controllers.stack.maths import JAX
 from ..dynamics.angles import UPRIGHT, wrap_difference
@@ -31,7 +30,7 @@ from ..dynamics.dynamics import acceleration
 from ..plant.base_parameters import base_parameters
 from ..plant.plant import LEADERBOARD, Plant, validated
 from ..plant.units import C1, scaled, scales_of, similar_plant
-from ..policy.regulator.settings import DRY_KNEE, DRY_SHARE
+from ..policy.regulator.settings import DRY_KNEE, DRY_SHARE, fixed_point
 from .analytic_policy_gradient import single_precision
 from .plant_draws import plants_of
 
@@ -42,6 +41,8 @@ WEIGHTS = (1.0, 1.0, 0.12, 0.12)
 TOP_COST = 1.5
 """Cost-to-go of the LQR below which it teaches. With 0.5 more than a third of the acrobot's robot plants fell from
 the top once under weak noise of the torques, with this a fifth."""
+TOP_COULOMB = 0.1
+"""Coulomb friction of the undriven joint (N m) that halves it."""
 ARRIVED = 0.5
 """Cost-to-go where swing-ups end: their rows from there on do not teach."""
 COST_WHEN_OVER = 1e6
@@ -67,12 +68,12 @@ class Teachers(eqx.Module):
     """N m"""
     gains: Float[Array, "n rows 4"]
     """K of u + K (x - x_i) (N m/rad, N m s/rad)."""
-    top_gains: Float[Array, "n 4"]
-    """K of u = -K e."""
-    top_friction: Float[Array, "n"]
-    """Torque added to -K e against the undriven joint's Coulomb friction (N m)."""
+    top_gains: Float[Array, "n 5"]
+    """K of u = -K [e, f], as of the regulator."""
+    dry: Float[Array, "n"]
+    """Coulomb friction of the undriven joint (N m)."""
     cost_to_go: Float[Array, "n 4 4"]
-    """S of eᵀ S e."""
+    """P of eᵀ P e."""
 
     @property
     def number(self) -> int:
@@ -83,18 +84,18 @@ class Teachers(eqx.Module):
 def make_teachers(swingups: SwingUps, nominal: Plant = LEADERBOARD) -> Teachers:
     """Teachers for the plants that the swing-ups are of, about a nominal one."""
     plants = [validated(plant) for plant in plants_of(swingups.plants)]
-    regulators = [plant_lqr(plant, swingups.robot) for plant in plants]
+    held = [fixed_point(plant, swingups.robot.joint) for plant in plants]
+    cost_to_go, gains = np.stack([P[:4, :4] for P, _ in held]), np.stack([K for _, K in held])
+    dry = np.array([passive_friction(plant, swingups.robot) for plant in plants])
     centre = base_parameters(nominal.driven(swingups.robot))
     bases = np.stack([base_parameters(plant) for plant in plants])
-    gains, cost_to_go = (np.stack([getattr(each, name) for each in regulators]) for name in ("gains", "cost_to_go"))
-    friction = np.array([friction_gain(*pair) for pair in zip(plants, regulators, strict=True)])
     states = swingups.states[:, :-1:APART]
     errors = states - UPRIGHT
     errors[..., :2] = wrap_difference(errors[..., :2])
     costs = np.einsum("nri,nij,nrj->nr", errors, cost_to_go, errors)
     at_rest = np.where(costs < ARRIVED, COST_WHEN_OVER, 0.0)
     rows = states, at_rest, swingups.torque[:, ::APART], swingups.gains[:, ::APART]
-    arrays = bases, np.tile(centre, (len(bases), 1)), *rows, gains, friction, cost_to_go
+    arrays = bases, np.tile(centre, (len(bases), 1)), *rows, gains, dry, cost_to_go
     teachers: Teachers = single_precision(Teachers(swingups.plants, *arrays))  # type: ignore[arg-type]  # NumPy's
     return teachers
 
@@ -149,9 +150,9 @@ def taught(one: Teachers, recovery: PolicyController, tube: float | Scalar, x: S
     along = one.torque[row] + one.gains[row] @ off[row]
     outside = jnp.clip((distance / tube - 1 + EDGE) / (2 * EDGE), 0, 1)
     u = (1 - outside) * along + outside * matched_torque(recovery, one.plant, x)
-    sign = jnp.arctan(DRY_KNEE * x[3 - recovery.robot.joint])
-    at_top = DRY_SHARE * one.top_friction * sign - one.top_gains @ _from_upright(x)
-    u = jnp.where(top_cost(one, x) < TOP_COST, at_top, u)
+    friction = -DRY_SHARE * one.dry * jnp.arctan(DRY_KNEE * x[3 - recovery.robot.joint])
+    at_top = -one.top_gains @ jnp.append(_from_upright(x), friction)
+    u = jnp.where(top_cost(one, x) < TOP_COST / (1 + jnp.abs(one.dry) / TOP_COULOMB), at_top, u)
     return jnp.clip(u, -limit, limit), distance
 
 

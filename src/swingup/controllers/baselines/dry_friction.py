@@ -8,7 +8,6 @@ settings are tried on the model, and the best ones are taken. Some plants are he
 
 import itertools
 import logging
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -45,8 +44,6 @@ class Counting(NamedTuple):
     """The friction's sign is 2/π arctan of this times the velocity (s/rad)."""
 
 
-ALL_FRICTION = Counting(1.0, 1.0, math.inf)
-"""All of the friction, as damping and as a constant."""
 COUNTINGS = (Counting(1.0, 0.6, 6.0), Counting(4.0, 0.9, 30.0))
 """The two best of 540 settings on the shipped designs A.0, B.0, C.0 and C.1: neither is the better on all."""
 MORE_COUNTINGS = tuple(
@@ -115,7 +112,7 @@ def linear_friction(plant: Plant, damping: float = 1.0) -> Plant:
     return plant.changed(b1=b1, b2=b2, cf1=0.0, cf2=0.0)
 
 
-def friction_gain(plant: Plant, regulator: LQR, counting: Counting = ALL_FRICTION) -> float:
+def friction_gain(plant: Plant, regulator: LQR, counting: Counting) -> float:
     """Torque (N m) that this regulator of a plant adds against the undriven joint's Coulomb friction.
 
     Where the joint moves forwards, friction is a constant torque backwards (``lqr.disturbance_gain``).

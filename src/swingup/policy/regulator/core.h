@@ -30,8 +30,9 @@ static inline void swingup_upright(const double theta[9], double step[4][6])
     /* The accelerations: [X Y] e, and the inverse of the mass matrix times the torques. */
     for (i = 0; i < 2; i++) {
         for (j = 0; j < 2; j++) {
+            const double dry = theta[6 + j], more = dry > 0.0 ? dry / SWINGUP_COULOMB_DAMPING : 0.0;
             slope[i][j] = inverse[i][0] * gravity[0][j] + inverse[i][1] * gravity[1][j];
-            slope[i][j + 2] = -inverse[i][j] * (theta[4 + j] + SWINGUP_COULOMB_DAMPING * theta[6 + j]);
+            slope[i][j + 2] = -inverse[i][j] * (theta[4 + j] + dry + dry * more);
         }
     }
     for (i = 0; i < 2; i++) {

@@ -89,7 +89,7 @@ def make_loop(
     """
     scales = arm_scales(plant)
     own, plant = scaled(settings, C1.over(scales)), similar_plant(plant, scales)
-    start = pack(fixed_point(plant, joint))
+    start = pack(fixed_point(plant, joint)[0])
     return Loop(own, geometry_of(plant), joint, scales.similar(limit, TORQUE), start, *products)
 
 

@@ -17,12 +17,11 @@ STATE_WEIGHTS = (1.0, 1.0, 0.1, 0.1)
 """q, of the errors of q1, q2 (1/rad²), dq1 and dq2 (s²/rad²) in the costs ∫ eᵀ diag(q) e + r u² dt."""
 TORQUE_WEIGHT = 1.0
 """r (1/N²m²)."""
-COULOMB_DAMPING = 1.0
-"""Coulomb friction cf counts as damping of this times cf (s/rad)."""
-DRY_SHARE, DRY_KNEE = 0.5, 10.0
+COULOMB_DAMPING = 0.012
+"""Coulomb friction cf (N m) counts as damping cf + cf² / this (N m s/rad), one that drives, below 0, as cf."""
+DRY_SHARE, DRY_KNEE = 0.7, 10.0
 """The undriven joint's counts besides as a torque that stays: this share of cf arctan(knee q̇), knee in s/rad.
-Without it regulators limit-cycle: within 6 s 20 % (acrobot) and 14 % (pendubot) of a distillation's drawn plants
-fell from near the top under their teachers' LQR, with it 14 % and 6 %."""
+With damping of cf alone and half of the torque it fells half of the acrobots that have it (``lab/adaptive.md``)."""
 RICCATI_STEP = 0.005
 """Step h of the recursion (s)."""
 RICCATI_STEPS = 4
@@ -54,19 +53,22 @@ class RegulatorSettings(Settings):
             )
 
 
-def fixed_point(plant: Plant, driven: int) -> np.ndarray:
-    """The cost-to-go P (5, 5) of [e, f] at which the recursion for a plant stays."""
+def fixed_point(plant: Plant, driven: int) -> tuple[np.ndarray, np.ndarray]:
+    """The cost-to-go P (5, 5) of [e, f] at which the recursion for a plant stays, and K (5,) of u = -K [e, f]."""
     theta, geometry = base_parameters(plant), geometry_of(plant)
     a, d, b = map(np.array, upright_step(theta, geometry, driven, COULOMB_DAMPING, RICCATI_STEP))
     with np.errstate(all="ignore"):
         try:
             found = np.pad(solve_riccati(a, np.outer(b, b) / R, np.diag(Q)), (0, 1))
             P = found[:4, :4]
-            closed = a - np.outer(b, b @ P @ a) / (R + b @ P @ b)
+            weight = R + b @ P @ b
+            gains = b @ P @ a / weight
+            closed = a - np.outer(b, gains)
             found[:4, 4] = found[4, :4] = np.linalg.solve(np.eye(4) - closed.T, closed.T @ P @ d)
+            against = b @ (P @ d + found[:4, 4]) / weight
         except np.linalg.LinAlgError:
             # Both ways in which a plant has no fixed point get the same sentence.
             found = np.full((5, 5), np.nan)
     if not np.isfinite(found).all():
         raise SwingupError("the regulator cannot hold its plant upright: correct the plant, or leave it out")
-    return found
+    return found, np.append(gains, against)

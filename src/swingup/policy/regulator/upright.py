@@ -2,10 +2,12 @@
 
 With the errors e = (q1 - π, q2, q̇1, q̇2):
 
-    M ë_q = G e_q - D ė_q + B u,   M = M(q2 = 0),   D = diag(b1 + c cf1, b2 + c cf2).
+    M ë_q = G e_q - D ė_q + B u,   M = M(q2 = 0),   D = diag(b1 + d(cf1), b2 + d(cf2)).
 
 The slope of the smoothed Coulomb friction at rest is 100 cf: by it a regulator would take the joint for frozen.
-c cf is the damping (N m s/rad) that stands for it. A torque f on the undriven joint enters as u does on the other.
+The damping d(cf) = cf + cf² / c (N m s/rad) stands for it, cf for friction that drives, below 0: the more friction,
+the slower the motions that are left.
+A torque f on the undriven joint enters as u does on the other.
 Python's floats and JAX's arrays serve alike.
 """
 
@@ -29,7 +31,7 @@ class Discrete(NamedTuple):
 def upright_step(theta: Any, geometry: Geometry, driven: int, coulomb_damping: Number, h: float) -> Discrete:
     """A = I + h A_c + h² A_c² / 2, b = h b_c + h² A_c b_c / 2 and d, alike, of the linear equations.
 
-    The mass matrix of θ is positive definite. The damping is c (s/rad), the step's length h (s).
+    The mass matrix of θ is positive definite. c is ``coulomb_damping`` (N m rad/s), the step's length h (s).
     """
     plant, ((b1, b2), (cf1, cf2)) = lumped(theta, geometry), friction_of(theta)
     m11, m12, m22 = mass_entries(plant, 1.0)
@@ -37,7 +39,9 @@ def upright_step(theta: Any, geometry: Geometry, driven: int, coulomb_damping: N
     i11, i12, i22 = m22 * scale, -m12 * scale, m11 * scale
     # A_c = [[0, I], [X, Y]] with X = M⁻¹ G and Y = -M⁻¹ D; b_c = [0, w].
     second, first = plant.gravity2, plant.gravity1 + plant.gravity2
-    damping1, damping2 = b1 + coulomb_damping * cf1, b2 + coulomb_damping * cf2
+    # Of resisting friction cf² is half of cf² + cf |cf|, of one that drives the latter is 0.
+    damping1 = b1 + cf1 + (cf1 + abs(cf1)) * cf1 / (2.0 * coulomb_damping)
+    damping2 = b2 + cf2 + (cf2 + abs(cf2)) * cf2 / (2.0 * coulomb_damping)
     x11, x12 = i11 * first + i12 * second, (i11 + i12) * second
     x21, x22 = i12 * first + i22 * second, (i12 + i22) * second
     y11, y12, y21, y22 = -i11 * damping1, -i12 * damping2, -i12 * damping1, -i22 * damping2
