@@ -97,7 +97,7 @@ HAND_OVER = {
     "acrobot": RegulatorSettings(enter_coulomb=0.01),
     "pendubot": RegulatorSettings(enter=0.04, leave_coulomb=0.1),
 }
-"""Chosen on plants that no board has (``docs/refining.md``)."""
+"""Chosen on plants that no board has (``lab/adaptive.md``)."""
 FINDING = {
     "acrobot": IdentifierSettings(load_deviation=0.01, spring_deviation=0.01),
     "pendubot": IdentifierSettings(),

@@ -42,7 +42,7 @@ TOP_COST = 1.5
 """Cost-to-go of the LQR below which it teaches. With 0.5 more than a third of the acrobot's robot plants fell from
 the top once under weak noise of the torques, with this a fifth."""
 TOP_COULOMB = 0.1
-"""Coulomb friction of the undriven joint (N m) that halves it."""
+"""Coulomb friction of the undriven joint (N m) that halves ``TOP_COST``."""
 ARRIVED = 0.5
 """Cost-to-go where swing-ups end: their rows from there on do not teach."""
 COST_WHEN_OVER = 1e6

@@ -39,7 +39,7 @@ def upright_step(theta: Any, geometry: Geometry, driven: int, coulomb_damping: N
     i11, i12, i22 = m22 * scale, -m12 * scale, m11 * scale
     # A_c = [[0, I], [X, Y]] with X = M⁻¹ G and Y = -M⁻¹ D; b_c = [0, w].
     second, first = plant.gravity2, plant.gravity1 + plant.gravity2
-    # Of resisting friction cf² is half of cf² + cf |cf|, of one that drives the latter is 0.
+    # (cf + |cf|) cf is 2 cf² for friction that resists, and 0 for one that drives.
     damping1 = b1 + cf1 + (cf1 + abs(cf1)) * cf1 / (2.0 * coulomb_damping)
     damping2 = b2 + cf2 + (cf2 + abs(cf2)) * cf2 / (2.0 * coulomb_damping)
     x11, x12 = i11 * first + i12 * second, (i11 + i12) * second
