@@ -196,7 +196,7 @@ SWAY = np.concatenate([[0.05, 0.12] * np.sin(PHASE), [0.35, 0.84] * np.cos(PHASE
 
 def test_the_regulator_takes_over_alike(made):
     """A sway that grows and fades twice: the regulator leaves and enters again."""
-    states = UPRIGHT + 5 * np.abs(np.sin(2 * np.pi * TIMES / 1.2))[:, None] * SWAY
+    states = UPRIGHT + 8 * np.abs(np.sin(2 * np.pi * TIMES / 1.2))[:, None] * SWAY
     controllers = ("numpy", "acrobot-regulated"), ("c", "acrobot-regulated"), ("numpy", "acrobot-sighted")
     numpys, cs, policys = (made(*each).run(TIMES, states) for each in controllers)
     np.testing.assert_allclose(cs, numpys, rtol=0, atol=BACK_ENDS["c"].whole_within)

@@ -8,14 +8,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
+from scipy.optimize import root
 
-from benchmark.independent import rk4
+from benchmark.independent import derivative, gravity, rk4
 from swingup.controllers.baselines.lqr import linearised
 from swingup.controllers.interface.controller import AbstractController, check_interface
 from swingup.controllers.stack.estimator import with_estimator
 from swingup.controllers.stack.regulator import with_regulator
 from swingup.dynamics.angles import UPRIGHT
-from swingup.plant.base_parameters import base_parameters
+from swingup.plant.base_parameters import base_parameters, geometry_of, lumped
 from swingup.plant.maths import NUMPY
 from swingup.plant.plant import LEADERBOARD
 from swingup.plant.robots import ROBOTS, get_robot
@@ -60,6 +61,29 @@ def designed(plant, robot):
 def unit_error(plant, robot):
     """An error whose cost-to-go is 1."""
     return ERROR / np.sqrt(ERROR @ fixed_point(plant, robot.joint)[0][:4, :4] @ ERROR)
+
+
+def falling(plant, robot, x):
+    """The driven joint's angle and rate, and the other one's momentum and torque of gravity."""
+    p, driven, other, at = plant.values(), robot.joint, 1 - robot.joint, np.array(x, float)
+    still = derivative(p, at, np.zeros(2))[2:]
+    mass = np.linalg.inv([derivative(p, at, u)[2:] - still for u in np.eye(2)])
+    return np.array([at[driven], at[2 + driven], mass[other] @ at[2:], gravity(p, at)[other]])
+
+
+def linear_error(plant, robot, x):
+    """The errors with which the pendulum, linearised upright, has these numbers."""
+    columns = [
+        (falling(plant, robot, UPRIGHT + d) - falling(plant, robot, UPRIGHT - d)) / 2e-4 for d in 1e-4 * np.eye(4)
+    ]
+    return np.linalg.solve(np.transpose(columns), falling(plant, robot, x) - falling(plant, robot, UPRIGHT))
+
+
+def state_of(plant, robot, error):
+    """The state whose linear errors are these."""
+    found = root(lambda x: linear_error(plant, robot, x) - error, UPRIGHT + error)
+    assert found.success
+    return found.x
 
 
 class NumpyRegulator:
@@ -127,13 +151,41 @@ def test_it_holds_another_plant_that_it_is_told(robot):
     assert np.abs(x - [3 * np.pi, -2 * np.pi, 0, 0]).max() < 1e-3
 
 
+def test_errors_as_if_linear(robot):
+    other = 1e-5 * np.eye(4)[1 - robot.joint]
+    for plant in plants(robot):
+        for x in (UPRIGHT + 16 * ERROR, UPRIGHT - 30 * ERROR):
+            lumps = lumped(base_parameters(plant), geometry_of(plant))
+            found, slope = core.as_if_linear(NUMPY, lumps, robot.joint, x)
+            np.testing.assert_allclose(found, linear_error(plant, robot, x), rtol=1e-4)
+            slopes = (falling(plant, robot, x + other) - falling(plant, robot, x - other)) / 2e-5
+            assert slope == pytest.approx(slopes[3], rel=1e-6)
+
+
+@pytest.mark.parametrize(("name", "most"), [("acrobot", 0.1), ("pendubot", 0.07)])
+def test_it_holds_against_pushes_of_the_undriven_joint(name, most):
+    """Of so many N m s: with the errors themselves 0.04 and 0.06. It never takes hanging for upright."""
+    robot = get_robot(name)
+    plant = plants(robot)[0]
+    found, p = regulator(robot, settings=RegulatorSettings(leave=1e4)), plant.values()
+    assert found(np.zeros(4)) is None
+    assert found(UPRIGHT) == 0.0
+    blow = derivative(p, UPRIGHT, np.eye(2)[1 - robot.joint])[2:] - derivative(p, UPRIGHT, np.zeros(2))[2:]
+    x = UPRIGHT + np.array([0.0, 0.0, *(most * blow)])
+    for _ in range(2000):
+        torque = found(x)
+        assert torque is not None
+        x = rk4(p, x, torque * np.array(robot.actuation), DT)
+    assert np.abs(x - UPRIGHT).max() < 0.02
+
+
 def test_bounds():
     """It takes over below ``enter`` and gives up above ``leave``, with P of the file's plant."""
     robot = get_robot("acrobot")
     own, found = plants(robot)[0], regulator(robot)
     e = unit_error(own, robot)
     sizes = np.sqrt([1.1, 0.9, 9.0, np.nan, 9.9, 10.1, 9.9, 0.9, np.inf, 0.9])
-    torques = [found(UPRIGHT + size * e) for size in sizes]
+    torques = [found(state_of(own, robot, size * e) if np.isfinite(size) else UPRIGHT + size * e) for size in sizes]
     acting = [torque is not None for torque in torques]
     assert acting == [False, True, True, True, True, False, False, True, True, True]
     assert torques[1] == pytest.approx(-designed(own, robot)[1][:4] @ e * sizes[1], rel=1e-6)
@@ -143,14 +195,16 @@ def test_bounds():
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_dry_friction_of_the_undriven_joint_lowers_the_bounds(robot, sign):
-    """0.1 N m makes of 1 and 10 a half, and 3 more; the driven joint's friction changes nothing."""
+    """0.1 N m makes of 0.1 and 1 a half, and 0.3 more; the driven joint's friction changes nothing."""
     own = dataclasses.replace(LEADERBOARD.driven(robot), **{f"cf{2 - robot.joint}": 0.1 * sign})
     own = dataclasses.replace(own, **{f"cf{robot.joint + 1}": 0.05})
-    settings = dataclasses.replace(SETTINGS, enter_coulomb=0.1, leave_coulomb=0.05)
+    settings = RegulatorSettings(enter=0.1, leave=1.0, enter_coulomb=0.1, leave_coulomb=0.05)
     found, e = regulator(robot, own, settings), unit_error(own, robot)
     # At rest at the top until P has followed the plant.
-    acting = [found(UPRIGHT + size * e) is not None for size in np.sqrt([*[0.0] * 500, 3.4, 3.6, 0.6, 0.4])]
-    assert acting[-4:] == [True, False, False, True]
+    for _ in range(500):
+        found(UPRIGHT)
+    acting = [found(state_of(own, robot, size * e)) is not None for size in np.sqrt([0.34, 0.36, 0.06, 0.04])]
+    assert acting == [True, False, False, True]
 
 
 def test_dry_friction_of_the_undriven_joint_moves_the_torque(robot):

@@ -94,8 +94,8 @@ def stages_of(recipe: str, controller: PolicyController) -> tuple[RecipeStage, .
 
 
 HAND_OVER = {
-    "acrobot": RegulatorSettings(enter_coulomb=0.01),
-    "pendubot": RegulatorSettings(enter=0.04, leave_coulomb=0.1),
+    "acrobot": RegulatorSettings(enter=2.6, leave=15.0, enter_coulomb=0.004),
+    "pendubot": RegulatorSettings(enter=0.04, leave=6.0, leave_coulomb=0.1),
 }
 """Chosen on plants that no board has (``lab/adaptive.md``)."""
 FINDING = {

@@ -85,6 +85,26 @@ static inline void swingup_riccati(swingup_regulator *c, double step[4][6])
     }
 }
 
+/* The errors with which the linear plant has the undriven joint's momentum and torque of gravity as the pendulum has
+ * them at these errors; whether gravity pushes that joint outwards. */
+static inline int swingup_as_if_linear(const double theta[9], double error[4])
+{
+    const int undriven = 1 - SWINGUP_DRIVEN;
+    const double second = SWINGUP_GRAVITY * theta[2], first = undriven ? 0.0 : SWINGUP_GRAVITY * theta[3];
+    const double geared = SWINGUP_GEAR * theta[8], sum = error[0] + error[1];
+    const double gravity[2] = {first + second, second}, torque = first * sin(error[0]) + second * sin(sum);
+    const double slope = first * cos(error[0]) + second * cos(sum);
+    /* What the bend takes from the mass matrix's coupling, and twice from its first entry. */
+    const double bend = SWINGUP_L1 * theta[2] * (cos(error[1]) - 1.0);
+    const double straight = undriven ? theta[1] + SWINGUP_GEAR * geared
+                                     : theta[0] + SWINGUP_GEAR * geared + theta[8] + 2.0 * SWINGUP_L1 * theta[2];
+    const double turned = undriven ? 0.0 : 2.0 * error[2];
+
+    error[undriven] = (torque - gravity[1 - undriven] * error[1 - undriven]) / gravity[undriven];
+    error[2 + undriven] += bend / straight * (turned + error[3 - undriven]);
+    return slope > 0.0;
+}
+
 /* P of the plant of the policy's file. */
 static inline void swingup_start(swingup_regulator *c)
 {
@@ -101,7 +121,7 @@ static inline int swingup_regulate(swingup_regulator *c, const double theta[9], 
     const int finite = swingup_finite(x, 4);
     const double dry = theta[7 - SWINGUP_DRIVEN];
     double step[4][6], error[4], share = SWINGUP_TORQUE_WEIGHT, cost = 0.0, friction;
-    int i, j;
+    int i, j, outwards;
 
     if (!c->begun) {
         swingup_start(c);
@@ -120,6 +140,7 @@ static inline int swingup_regulate(swingup_regulator *c, const double theta[9], 
     error[2] = x[2];
     error[3] = x[3];
     friction = -SWINGUP_DRY_SHARE * dry * atan(SWINGUP_DRY_KNEE * x[3 - SWINGUP_DRIVEN]);
+    outwards = swingup_as_if_linear(theta, error);
     for (i = 0; i < 4; i++) {
         double pushed = 0.0;
         for (j = 0; j < 4; j++) {
@@ -137,7 +158,7 @@ static inline int swingup_regulate(swingup_regulator *c, const double theta[9], 
     if (finite) {
         const double enter = SWINGUP_ENTER / (1.0 + fabs(dry) / SWINGUP_ENTER_COULOMB);
         const double leave = enter + (SWINGUP_LEAVE - SWINGUP_ENTER) / (1.0 + fabs(dry) / SWINGUP_LEAVE_COULOMB);
-        c->acting = c->acting ? cost <= leave : cost < enter;
+        c->acting = outwards && (c->acting ? cost <= leave : cost < enter);
     }
     return c->acting;
 }
