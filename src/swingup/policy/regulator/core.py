@@ -50,7 +50,7 @@ class RegulatorState(NamedTuple):
 class Held(NamedTuple):
     """The plant that is held."""
 
-    plant: Lumped
+    lumps: Lumped
     """θ as the equations of motion have it."""
     step: Any
     """A, d and b: ``Discrete``, or what the loop makes of it."""
@@ -120,7 +120,7 @@ def regulate(maths: Maths, loop: Loop, state: RegulatorState, plant: Held, x: An
     # It follows the plant also while the policy acts, so that it can take over at once.
     P = loop.advanced(state.cost_to_go, plant.step)
     P = maths.choose(maths.finite(P), lambda: P, maths.xp.asarray(loop.start, P.dtype))
-    e, outwards = as_if_linear(maths, plant.plant, loop.joint, x)
+    e, outwards = as_if_linear(maths, plant.lumps, loop.joint, x)
     cost, finite, limit = loop.cost(P, e), maths.finite(x), loop.torque_limit
     within = maths.where(state.acting, cost <= plant.leave, cost < plant.enter) & (outwards > 0.0)
     friction = -plant.dry * maths.arctan(DRY_KNEE * maths.numbers(x)[3 - loop.joint])
