@@ -14,19 +14,30 @@ typedef struct {
     double friction[4];      /* its column of the friction f */
 } swingup_regulator;
 
+/* M11, M12 and M22 (kg m^2) of base parameters theta with straight links. */
+static inline void swingup_straight_mass(const double theta[9], double mass[3])
+{
+    const double geared = SWINGUP_GEAR * theta[8], reflected = SWINGUP_GEAR * geared, coupling = SWINGUP_L1 * theta[2];
+
+    mass[0] = theta[0] + 2.0 * coupling + reflected + theta[8];
+    mass[1] = theta[1] + coupling - geared;
+    mass[2] = theta[1] + reflected;
+}
+
 /* [A b d] of one step of the recursion, for base parameters theta. */
 static inline void swingup_upright(const double theta[9], double step[4][6])
 {
     const double h = SWINGUP_RICCATI_STEP, half = 0.5 * h * h;
     const double gravity2 = SWINGUP_GRAVITY * theta[2], gravity1 = SWINGUP_GRAVITY * theta[3];
-    const double geared = SWINGUP_GEAR * theta[8], reflected = SWINGUP_GEAR * geared, coupling = SWINGUP_L1 * theta[2];
-    const double m11 = theta[0] + 2.0 * coupling + reflected + theta[8], m12 = theta[1] + coupling - geared;
-    const double m22 = theta[1] + reflected, scale = 1.0 / (m11 * m22 - m12 * m12);
-    const double inverse[2][2] = {{m22 * scale, -m12 * scale}, {-m12 * scale, m11 * scale}};
     const double gravity[2][2] = {{gravity1 + gravity2, gravity2}, {gravity2, gravity2}};
-    double slope[2][4];
+    double mass[3], inverse[2][2], slope[2][4], scale;
     int i, j, k;
 
+    swingup_straight_mass(theta, mass);
+    scale = 1.0 / (mass[0] * mass[2] - mass[1] * mass[1]);
+    inverse[0][0] = mass[2] * scale;
+    inverse[0][1] = inverse[1][0] = -mass[1] * scale;
+    inverse[1][1] = mass[0] * scale;
     /* The accelerations: [X Y] e, and the inverse of the mass matrix times the torques. */
     for (i = 0; i < 2; i++) {
         for (j = 0; j < 2; j++) {
@@ -91,17 +102,17 @@ static inline int swingup_as_if_linear(const double theta[9], double error[4])
 {
     const int undriven = 1 - SWINGUP_DRIVEN;
     const double second = SWINGUP_GRAVITY * theta[2], first = undriven ? 0.0 : SWINGUP_GRAVITY * theta[3];
-    const double geared = SWINGUP_GEAR * theta[8], sum = error[0] + error[1];
-    const double gravity[2] = {first + second, second}, torque = first * sin(error[0]) + second * sin(sum);
+    const double gravity[2] = {first + second, second}, sum = error[0] + error[1];
+    const double torque = first * sin(error[0]) + second * sin(sum);
     const double slope = first * cos(error[0]) + second * cos(sum);
     /* What the bend takes from the mass matrix's coupling, and twice from its first entry. */
     const double bend = SWINGUP_L1 * theta[2] * (cos(error[1]) - 1.0);
-    const double straight = undriven ? theta[1] + SWINGUP_GEAR * geared
-                                     : theta[0] + SWINGUP_GEAR * geared + theta[8] + 2.0 * SWINGUP_L1 * theta[2];
     const double turned = undriven ? 0.0 : 2.0 * error[2];
+    double straight[3];
 
+    swingup_straight_mass(theta, straight);
     error[undriven] = (torque - gravity[1 - undriven] * error[1 - undriven]) / gravity[undriven];
-    error[2 + undriven] += bend / straight * (turned + error[3 - undriven]);
+    error[2 + undriven] += bend / straight[2 * undriven] * (turned + error[3 - undriven]);
     return slope > 0.0;
 }
 
