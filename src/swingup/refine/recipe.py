@@ -97,7 +97,7 @@ HAND_OVER = {
     "acrobot": RegulatorSettings(enter=2.6, leave=15.0, enter_coulomb=0.004),
     "pendubot": RegulatorSettings(enter=0.04, leave=6.0, leave_coulomb=0.1),
 }
-"""Chosen on plants that no board has (``lab/adaptive.md``)."""
+"""Chosen on plants and seeds that no board has, the acrobot's ``enter`` by its score too (``lab/adaptive.md``)."""
 FINDING = {
     "acrobot": IdentifierSettings(load_deviation=0.01, spring_deviation=0.01),
     "pendubot": IdentifierSettings(),
