@@ -14,10 +14,11 @@ typedef struct {
     double friction[4];      /* its column of the friction f */
 } swingup_regulator;
 
-/* M11, M12 and M22 (kg m^2) of base parameters theta with straight links. */
-static inline void swingup_straight_mass(const double theta[9], double mass[3])
+/* M11, M12 and M22 (kg m^2) of base parameters theta at an angle of the elbow, by its cosine. */
+static inline void swingup_mass(const double theta[9], double cosine, double mass[3])
 {
-    const double geared = SWINGUP_GEAR * theta[8], reflected = SWINGUP_GEAR * geared, coupling = SWINGUP_L1 * theta[2];
+    const double geared = SWINGUP_GEAR * theta[8], reflected = SWINGUP_GEAR * geared;
+    const double coupling = SWINGUP_L1 * theta[2] * cosine;
 
     mass[0] = theta[0] + 2.0 * coupling + reflected + theta[8];
     mass[1] = theta[1] + coupling - geared;
@@ -33,7 +34,7 @@ static inline void swingup_upright(const double theta[9], double step[4][6])
     double mass[3], inverse[2][2], slope[2][4], scale;
     int i, j, k;
 
-    swingup_straight_mass(theta, mass);
+    swingup_mass(theta, 1.0, mass);
     scale = 1.0 / (mass[0] * mass[2] - mass[1] * mass[1]);
     inverse[0][0] = mass[2] * scale;
     inverse[0][1] = inverse[1][0] = -mass[1] * scale;
@@ -105,14 +106,13 @@ static inline int swingup_as_if_linear(const double theta[9], double error[4])
     const double gravity[2] = {first + second, second}, sum = error[0] + error[1];
     const double torque = first * sin(error[0]) + second * sin(sum);
     const double slope = first * cos(error[0]) + second * cos(sum);
-    /* What the bend takes from the mass matrix's coupling, and twice from its first entry. */
-    const double bend = SWINGUP_L1 * theta[2] * (cos(error[1]) - 1.0);
-    const double turned = undriven ? 0.0 : 2.0 * error[2];
-    double straight[3];
+    double straight[3], bent[3], momentum;
 
-    swingup_straight_mass(theta, straight);
+    swingup_mass(theta, 1.0, straight);
+    swingup_mass(theta, cos(error[1]), bent);
+    momentum = bent[2 * undriven] * error[2 + undriven] + bent[1] * error[3 - undriven];
     error[undriven] = (torque - gravity[1 - undriven] * error[1 - undriven]) / gravity[undriven];
-    error[2 + undriven] += bend / straight[2 * undriven] * (turned + error[3 - undriven]);
+    error[2 + undriven] = (momentum - straight[1] * error[3 - undriven]) / straight[2 * undriven];
     return slope > 0.0;
 }
 
