@@ -14,6 +14,7 @@ from swingup.benchmark.robustness_board import make_cases
 from swingup.controllers.baselines.continuation import ContinuationSettings, nominal_swingups
 from swingup.controllers.stack.controller import PolicyController, policy_alone
 from swingup.controllers.stack.policy import Policy
+from swingup.controllers.stack.regulator import TRIANGLE
 from swingup.dynamics.angles import UPRIGHT
 from swingup.dynamics.dynamics import acceleration, gravity_torque
 from swingup.loop.on_plant import drawn_around, loop_around
@@ -21,6 +22,7 @@ from swingup.plant.base_parameters import base_parameters
 from swingup.plant.plant import LEADERBOARD, NAMES, load_plant, validated
 from swingup.plant.robots import get_robot
 from swingup.plant.units import arm_scales, similar_plant
+from swingup.policy.regulator.settings import RegulatorSettings, fixed_point
 from swingup.policy.shipped import load_policy
 from swingup.refine import teacher as teaching
 from swingup.refine.analytic_policy_gradient import single_precision
@@ -29,7 +31,7 @@ from swingup.refine.distillation import _behind_one_gear, _joined, distil, new_s
 from swingup.refine.distillation_settings import DistillationSettings, RecoverySettings, plant_scale
 from swingup.refine.plant_draws import SWEEPS, PlantDraws, draw_plants, plants_of
 from swingup.refine.recipe import RECOVER_ON_MANY, wrapped_policy
-from swingup.refine.recoveries import PASSING, make_recoveries, recovery_cost
+from swingup.refine.recoveries import PASSING, Recoveries, make_recoveries, make_regulators, recovery_cost
 from swingup.refine.teacher import APART, TOP_COST, School, make_school, make_teachers, matched_torque, top_cost
 from swingup.tasks.observation import PendulumStage
 
@@ -114,6 +116,30 @@ def test_recoveries_begin_after_throws_about_the_top_and_hanging():
     assert np.asarray(found.on).tolist() == [teachers.number - 1] * 1024 + [-1] * 7168
 
 
+def test_recoveries_have_their_plants_regulators_at_the_top_and_the_policy_below(either_robot):
+    student, joint = small(either_robot), either_robot.joint
+    plants = draw_plants(np.random.default_rng(2), either_robot, PlantDraws(0, 3, 0, 0))
+    held = [fixed_point(plant, joint) for plant in plants_of(plants)]
+    regulators = make_regulators(student, np.stack([P[TRIANGLE] for P, _ in held]), RegulatorSettings())
+    bases = jnp.float32(np.stack([base_parameters(plant) for plant in plants_of(plants)]))
+    error = np.array([0.004, -0.002, 0.0, 0.0])
+    starts = jnp.float32(UPRIGHT + error)[None]
+    cases = Recoveries(single_precision(plants), bases, starts, jnp.array([-1]), regulators)
+    torques = []
+    for index, (_, gains) in enumerate(held):
+        told = cases.told(student, index)
+        torques.append(float(told(told.init(), jnp.zeros(()), starts[0])[1][joint]))
+        assert torques[-1] == pytest.approx(-gains[:4] @ error, rel=1e-3)
+        below = told(told.init(), jnp.zeros(()), jnp.zeros(4))[1]
+        assert np.array_equal(below, student(None, jnp.zeros(()), jnp.zeros(4))[1])
+    assert np.ptp(torques) > 0.05 * np.abs(torques).max()
+    short = RecoverySettings(episodes=6, duration=0.8)
+    with_them, without = (
+        recovery_cost(student, each, short, jax.random.key(0)) for each in (cases, cases._replace(regulators=None))
+    )
+    assert with_them < 0.1 * without
+
+
 @pytest.mark.slow
 def test_a_policy_that_sees_its_plant_recovers_better_and_keeps_its_torques():
     random = np.random.default_rng(0)
@@ -124,7 +150,7 @@ def test_a_policy_that_sees_its_plant_recovers_better_and_keeps_its_torques():
     few = {"duration": 0.4, "batch": 64, "score_steps": 24, "score_duration": 0.1, "score_weight": 0.0}
     settings = dataclasses.replace(RECOVER_ON_MANY, **few, recoveries=wanted)
     kept = []
-    after = recover(before, plants, settings, random, lambda now, done: kept.append(done))
+    after = recover(before, plants, settings, random, RegulatorSettings(), lambda now, done: kept.append(done))
     assert kept == [0, 0, 0, 1]
     bases = jnp.float32(np.stack([base_parameters(plant) for plant in plants_of(plants)]))
     many = dataclasses.replace(wanted, episodes=256)

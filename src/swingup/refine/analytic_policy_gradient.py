@@ -139,7 +139,13 @@ def batch_cost(
 
     The cost is differentiated with respect to the actor, which replaces the controller's own.
     """
-    controller = with_actor(controller, actor)
+    return mean_cost(with_actor(controller, actor), x0, settings, plant)
+
+
+def mean_cost(
+    controller: AbstractController[Any], x0: Float[Array, "n 4"], settings: PolicyGradientSettings, plant: Plant
+) -> tuple[Scalar, Measures]:
+    """Mean cost of a batch of episodes from these states, and the episodes' measures."""
     scenario = Scenario(plant, substeps=stable_substeps(plant, SCORE_RULES.dt))
     limit = settings.adjoint_limit / len(x0)  # the mean gives each episode this share of its gradient
 

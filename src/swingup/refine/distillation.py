@@ -14,6 +14,7 @@ are those of the first.
 
 import functools
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -27,18 +28,21 @@ from jaxtyping import Array, Float, Int
 
 from ..areapo.initial import init_actor
 from ..areapo.networks import Actor
+from ..common.errors import SwingupError
 from ..common.types import Key, Scalar
+from ..controllers.interface.controller import AbstractController
 from ..controllers.stack.controller import PolicyController, plant_of
 from ..controllers.stack.policy import Policy
+from ..controllers.stack.regulator import TRIANGLE
 from ..plant.base_parameters import BASE, base_parameters
 from ..plant.plant import Plant
-from ..policy.regulator.settings import fixed_point
+from ..policy.regulator.settings import RegulatorSettings, fixed_point
 from ..tasks.observation import PendulumStage, PlantStage
-from .analytic_policy_gradient import PolicyGradientSettings, batch_cost, single_precision, with_actor
+from .analytic_policy_gradient import PolicyGradientSettings, mean_cost, single_precision, with_actor
 from .dataset import Dataset, dagger_rollouts, draw_key, own_runs, swings_up, uniform_states
 from .distillation_settings import DistillationSettings, plant_scale
 from .plant_draws import plants_of
-from .recoveries import Recoveries, make_recoveries, recovery_cost
+from .recoveries import Recoveries, make_recoveries, make_regulators, recovery_cost
 from .teacher import School
 
 Progress = Callable[[str, int, int], None]
@@ -106,19 +110,27 @@ def recover(
     plants: Plant,
     settings: DistillationSettings,
     random: np.random.Generator,
+    regulator: RegulatorSettings,
     tell: Callable[[PolicyController, int], None] = lambda _, __: None,
     progress: Progress = lambda _, __, ___: None,
 ) -> PolicyController:
     """A policy that sees its plant, better at recoveries on these plants and on its own; it is its own teacher.
 
-    The plants (leaves of shape (n,)) are in C.1's units. ``tell`` is called as it proceeds and at the end.
+    The plants (leaves of shape (n,)) are in C.1's units, and so is the regulator that acts at the top. Those that
+    none can hold are left out. ``tell`` is called as it proceeds and at the end.
     """
-    nominal = plant_of(student)
-    bases = jnp.float32(np.stack([base_parameters(plant) for plant in [*plants_of(plants), nominal]]))
-    plants = single_precision(jax.tree.map(np.append, plants, nominal))
+    nominal, held, costs = plant_of(student), [], []
+    for plant in [*plants_of(plants), nominal]:
+        with suppress(SwingupError):
+            costs.append(fixed_point(plant, student.robot.joint)[0])
+            held.append(plant)
+    bases = jnp.float32(np.stack([base_parameters(plant) for plant in held]))
+    plants = single_precision(jax.tree.map(lambda *values: np.array(values), *held))
     student = single_precision(student)
-    dataset, top = own_runs(student, plants, bases, settings, random), fixed_point(nominal, student.robot.joint)[0]
-    recoveries = make_recoveries(student, plants, bases, jnp.float32(top[:4, :4]), settings.recoveries, random)
+    dataset = own_runs(student, plants, bases, settings, random)
+    regulators = make_regulators(student, np.stack([P[TRIANGLE] for P in costs]), regulator)
+    known = plants, bases, jnp.float32(costs[-1][:4, :4])
+    recoveries = make_recoveries(student, *known, settings.recoveries, random, regulators)
     told, keep = partial(progress, "recoveries"), lambda now: tell(_in_numpy(now), 0)
     student = _scored(student, bases, dataset, settings, recoveries, random, told, keep)
     tell(student, 1)
@@ -243,9 +255,12 @@ def _steps(
             return total
         shape = s.score_episodes, 4
         x0 = SPREAD * jax.random.uniform(size_key, (shape[0], 1)) * jax.random.normal(start_key, shape)
-        measures = batch_cost(actor, others, x0, PolicyGradientSettings(duration=s.score_duration), plant)[1]
+        policy = with_actor(others, actor)
+        acting: AbstractController[Any] = policy
         if recoveries is not None and s.recoveries is not None:
-            total += recovery_cost(with_actor(others, actor), recoveries, s.recoveries, recovery_key)
+            total += recovery_cost(policy, recoveries, s.recoveries, recovery_key)
+            acting = recoveries.told(policy, -1)
+        measures = mean_cost(acting, x0, PolicyGradientSettings(duration=s.score_duration), plant)[1]
         # As on the board: without a swing-up there is no score. Hanging still would have the best one.
         return total - s.score_weight * jnp.mean(measures.score * jnp.tanh((1 - measures.down) / UP_SHARE))
 

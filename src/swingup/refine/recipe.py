@@ -71,7 +71,7 @@ RECOVER_ON_MANY = DistillationSettings(
     anywhere=0,
     anywhere_batch=0,
     score_steps=1500,
-    score_weight=6.0,
+    score_weight=8.0,
     score_episodes=4,
     recoveries=RecoverySettings(
         episodes=96,
@@ -199,7 +199,7 @@ def run_recipe(
         told = partial(tell, number, stage.rounds + bool(stage.score_steps))
         targets = draw_plants(random, robot, stage.draws, similar, around)
         if not stage.rounds:
-            controller = recover(controller, targets, stage, random, told, progress)
+            controller = recover(controller, targets, stage, random, HAND_OVER[robot.name], told, progress)
             continue
         school = make_school(controller, targets, stage.nominal, partial(progress, "swing-ups"))
         controller = distil([school], stage, random, told, progress)

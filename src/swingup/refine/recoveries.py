@@ -1,7 +1,7 @@
 """Recoveries on many plants, from throws and about the top: a cost that ends a distillation by its gradient."""
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,10 +11,14 @@ from jaxtyping import Array, Float, Int
 from ..benchmark.boards import ICRA_REAL
 from ..benchmark.rollout import Scenario
 from ..common.types import Key, Scalar, State
+from ..controllers.interface.controller import AbstractController
 from ..controllers.stack.controller import PolicyController, plant_of
+from ..controllers.stack.regulator import RegulatingController, with_regulator
 from ..dynamics.angles import UPRIGHT
 from ..loop.supervisors.throws import thrown_states
 from ..plant.plant import Plant
+from ..policy.regulator.core import Loop
+from ..policy.regulator.settings import RegulatorSettings
 from .analytic_policy_gradient import PolicyGradientSettings, run_episode
 from .distillation_settings import RecoverySettings
 
@@ -28,6 +32,15 @@ HANGING = 0.02
 """Standard deviation of hanging ones (rad, rad/s)."""
 
 
+class ToldRegulator(RegulatingController):
+    """A regulator whose cost-to-go is that of its plant from the first call on, and so need not follow."""
+
+    @property
+    def loop(self) -> Loop:
+        """What the regulator knows."""
+        return super().loop._replace(advanced=lambda P, _: P)
+
+
 class Recoveries(NamedTuple):
     """What recoveries are drawn from; the last plant is the nominal one."""
 
@@ -38,6 +51,25 @@ class Recoveries(NamedTuple):
     """States that recoveries begin in (rad, rad/s)."""
     on: Int[Array, "starts"]
     """The plants that they begin on; -1 for any."""
+    regulators: ToldRegulator | None = None
+    """Those of the plants, without the policy: ``start`` has shape (plants, 15). None where the policy is alone."""
+
+    def told(self, student: PolicyController, index: Int[Array, ""] | int) -> AbstractController[Any]:
+        """The student, and the regulator if there is one, told one of the plants."""
+        student = replace(student, base=self.base[index])
+        if self.regulators is None:
+            return student
+        start = self.regulators.start[index]
+        return replace(self.regulators, controller=student, base=student.base, start=start)
+
+
+def make_regulators(
+    student: PolicyController, start: Float[np.ndarray, "plants 15"], settings: RegulatorSettings
+) -> ToldRegulator:
+    """The regulators of plants with these costs-to-go, upper triangles in C.1's units."""
+    made = with_regulator(student, student.robot, plant_of(student), settings, student.torque_limit)
+    known = {name: getattr(made, name) for name in ("torque_limit", "geometry", "settings", "scales", "robot")}
+    return ToldRegulator(None, made.base, jnp.float32(start), **known)  # type: ignore[arg-type]  # see ``told``
 
 
 def make_recoveries(
@@ -47,6 +79,7 @@ def make_recoveries(
     cost_to_go: Float[Array, "4 4"],
     settings: RecoverySettings | None,
     random: np.random.Generator,
+    regulators: ToldRegulator | None = None,
 ) -> Recoveries | None:
     """Recoveries on plants with these base parameters; the last, the nominal one, has this LQR's cost-to-go.
 
@@ -71,7 +104,7 @@ def make_recoveries(
     # The policy sees no full turns, and is not to blame for those that a throw makes.
     starts[:, :2] = np.mod(starts[:, :2] + [0.0, np.pi], 2 * np.pi) - [0.0, np.pi]
     on = np.where(np.arange(STARTS) < nominal, len(base) - 1, -1)
-    return Recoveries(plant, base, jnp.float32(starts), jnp.asarray(on))
+    return Recoveries(plant, base, jnp.float32(starts), jnp.asarray(on), regulators)
 
 
 def _near_top(
@@ -89,7 +122,10 @@ def _near_top(
 def recovery_cost(
     student: PolicyController, recoveries: Recoveries, settings: RecoverySettings, key: Key
 ) -> Scalar:
-    """Mean cost of some recoveries of a student that is told its plant; their gradients are bounded."""
+    """Mean cost of some recoveries of a student that is told its plant, as far as a regulator lets it act.
+
+    Their gradients are bounded.
+    """
     number, weights = settings.episodes, settings.weights
     plant_key, start_key = jax.random.split(key)
     start = jax.random.randint(start_key, (number,), 0, len(recoveries.starts))
@@ -98,12 +134,11 @@ def recovery_cost(
     # The mean gives each recovery this share of its gradient, which the weight of its time down scales.
     limit = PolicyGradientSettings().adjoint_limit * weights.down / number
 
-    def one(plant: Plant, base: Float[Array, "9"], start: State) -> Scalar:
-        return weights.cost(
-            run_episode(Scenario(plant), replace(student, base=base), start, settings.duration, limit)
-        )
+    def one(index: Int[Array, ""], start: State) -> Scalar:
+        plant = jax.tree.map(lambda leaf: leaf[index], recoveries.plant)
+        controller = recoveries.told(student, index)
+        return weights.cost(run_episode(Scenario(plant), controller, start, settings.duration, limit))
 
-    plants = jax.tree.map(lambda leaf: leaf[chosen], recoveries.plant)
-    costs = jax.vmap(one)(plants, recoveries.base[chosen], recoveries.starts[start])
+    costs = jax.vmap(one)(chosen, recoveries.starts[start])
     # A pendulum that became too fast for its time step teaches nothing.
     return jnp.mean(jnp.where(jnp.isfinite(costs), costs, 0.0))
