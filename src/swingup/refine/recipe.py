@@ -70,8 +70,8 @@ RECOVER_ON_MANY = DistillationSettings(
     batch=1024,
     anywhere=0,
     anywhere_batch=0,
-    score_steps=1500,
-    score_weight=8.0,
+    score_steps=1000,
+    score_weight=2.0,
     score_episodes=4,
     recoveries=RecoverySettings(
         episodes=96,
@@ -82,7 +82,7 @@ RECOVER_ON_MANY = DistillationSettings(
         top=0.0,
         passing=0.1,
         hanging=0.15,
-        weights=EpisodeWeights(down=3.0, away=2.0, fast=30.0, wound=2.0),
+        weights=EpisodeWeights(down=0.75, away=0.5, fast=7.5, wound=0.5),
     ),
 )
 """``recover`` for a policy that sees its plant: no teachers, so no rounds, and no lessons from anywhere."""
