@@ -7,8 +7,8 @@ It is a subclass of :class:`Settings`, unless values may be traced by JAX.
 """
 
 from collections.abc import Mapping
-from dataclasses import Field, fields, is_dataclass
-from typing import Any, ClassVar, NamedTuple, TypeVar, get_args
+from dataclasses import Field, dataclass, fields, is_dataclass
+from typing import Any, ClassVar, TypeVar, get_args
 
 from .checks import finite_number, one_of, whole_number
 from .errors import SwingupError
@@ -18,7 +18,9 @@ SettingsT = TypeVar("SettingsT", bound="Settings")
 NoteT = TypeVar("NoteT")
 
 
-class Range(NamedTuple):
+# No tuple: Python 3.11.2 keeps one annotation for equal ones, and an exported copy's would be the package's.
+@dataclass(frozen=True)
+class Range:
     """Least and greatest value of a setting, or of each of several numbers."""
 
     least: float
@@ -74,10 +76,10 @@ def _checked(name: str, value: Any, kind: Any, bounds: Range) -> Any:
     if isinstance(kind, tuple):
         if not isinstance(value, list | tuple) or len(value) != len(kind):
             raise SwingupError(f"{name} = {quoted(value)}: use {len(kind)} numbers")
-        return tuple(finite_number(name, each, *bounds) for each in value)
+        return tuple(finite_number(name, each, bounds.least, bounds.most) for each in value)
     if value is None and type(None) in get_args(kind):
         return None
-    return finite_number(name, value, *bounds)
+    return finite_number(name, value, bounds.least, bounds.most)
 
 
 def settings_of(kind: Any) -> dict[str, tuple[Any, Range | None]]:

@@ -36,7 +36,9 @@ REFERENCE_GRAVITY = 9.81
 """Its g (m/s²)."""
 
 
-class Unit(NamedTuple):
+# No tuple, for the reason of ``Range``.
+@dataclasses.dataclass(frozen=True)
+class Unit:
     """A unit by its powers of a pendulum's units of torque, time and length."""
 
     torque: int = 0
