@@ -23,7 +23,7 @@ from swingup.plant.base_parameters import (
 )
 from swingup.plant.equations import lump
 from swingup.plant.maths import ARRAYS, NUMPY
-from swingup.plant.momentum import mean_arctan, momentum_rows
+from swingup.plant.momentum import inertial_row, mean_arctan, momentum_rows
 from swingup.plant.plant import LEADERBOARD, load_plant
 
 RANDOM = np.random.default_rng(0)
@@ -88,6 +88,13 @@ def test_rows_give_the_torque(times, within):
     assert rows_of(angles, times) @ base == pytest.approx(TORQUE, abs=within)
     # As if unequal times were alike, the error is 3 N m.
     assert times[0] == times[1] or np.abs(rows_of(angles, (0.0095, 0.0095)) @ base - TORQUE).max() > 1
+
+
+def test_accelerations_take_the_mass_matrix_in_rows():
+    q2, acceleration = 0.7, np.array([3.0, -2.0])
+    rows = [inertial_row(joint, tuple(acceleration), math.cos(q2), GEOMETRY) for joint in (0, 1)]
+    m11, m12, m22 = equations.mass_entries(lump(PLANT), math.cos(q2))
+    assert np.array(rows) @ base_parameters(PLANT) == pytest.approx([[m11, m12], [m12, m22]] @ acceleration, rel=1e-12)
 
 
 @pytest.mark.parametrize("wrong", [(0.002, 0.0), (0.0, 0.002), (0.002, -0.003)])

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from swingup.controllers.stack.maths import JAX
 from swingup.loop.effects import late_period
@@ -109,17 +110,38 @@ def test_it_finds_the_plant():
     assert deviation[:4].max() < 0.25
 
 
-def quantised(step, q):
-    return np.round(q / 3.81e-4) * 3.81e-4
+def quantised(step, q, quantum=3.81e-4):
+    return np.round(q / quantum) * quantum
+
+
+def coarse(step, q):
+    """As an encoder of 12 bits: without the compensation of its noise inertias are found 46 to 73 % too small."""
+    return quantised(step, q, 2 * np.pi / 4096)
 
 
 @pytest.mark.parametrize(
     "given",
-    [{"change": lambda step, q: (quantised(step, q) + np.pi) % (2 * np.pi) - np.pi}, {"push": 3.0}],
-    ids=["encoder and full turns", "a push is no mass"],
+    [
+        {"change": lambda step, q: (quantised(step, q) + np.pi) % (2 * np.pi) - np.pi},
+        {"change": coarse, "robot": get_robot("pendubot")},
+        {"push": 3.0},
+    ],
+    ids=["encoder and full turns", "a coarse encoder", "a push is no mass"],
 )
 def test_it_finds_the_inertias_in_spite_of(given):
     assert errors(moved(OTHER, **given).unknowns[-1])[:4].max() < 0.05
+
+
+def test_the_noise_of_the_angles_is_measured_and_what_it_makes_of_accelerations_is_known():
+    random, deviation = np.random.default_rng(0), np.array([2e-4, 4e-4])
+    state = moved(OTHER, change=lambda step, q: q + deviation * random.normal(size=2)).state
+    np.testing.assert_allclose(np.sqrt(state.noise), deviation, rtol=0.4)
+    # SciPy's low-passes of second differences 8 ms apart.
+    noise = random.normal(size=400_000)
+    rows, keep = (noise[8:] - 2 * noise[4:-4] + noise[:-8]) / 0.008**2, math.exp(-60 * DT)
+    for _ in range(3):
+        rows = lfilter([1 - keep], [1, -keep], rows)
+    assert rows[1000:].var() == pytest.approx(chosen.noise_gain(DT), rel=0.05)
 
 
 def test_delay():
@@ -228,7 +250,7 @@ def test_uneven_calls_tell_the_age_which_makes_late_angles_as_good_as_present_on
     assert (known.state.age, unknown.state.age) == (3, 0)
     good, bad = (errors(each.unknowns[-1])[:4].max() for each in (known, unknown))
     assert good < 0.02
-    assert bad > 5 * good
+    assert bad > 4 * good
     # Of even calls an age is a delay like any other.
     assert moved(OTHER, late=1).state.age == 0
 

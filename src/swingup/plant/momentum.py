@@ -63,6 +63,17 @@ def momentum_rows(
     return shoulder, elbow
 
 
+def inertial_row(joint: int, acceleration: Pair, cos2: Number, geometry: Geometry) -> tuple[Number, ...]:
+    """What accelerations (rad/s²) add to a joint's row of Y, for the base parameters (9,)."""
+    (a1, a2), gr, along = acceleration, geometry.gr, geometry.l1 * cos2
+    none = 0.0 * a1
+    if joint == 0:
+        columns, rotor = (a1, a2, along * (2 * a1 + a2)), (gr * gr + 1) * a1 - gr * a2
+    else:
+        columns, rotor = (none, a1 + a2, along * a1), gr * gr * a2 - gr * a1
+    return *columns, none, none, none, none, none, rotor
+
+
 def mean_arctan(start: Number, end: Number, maths: Maths) -> Number:
     """The mean of arctan(100 v) while a rate v goes straight from start to end (rad/s)."""
     far = abs(end - start) > CLOSE_RATES

@@ -28,7 +28,8 @@ Data = dict[str, int | float | str | np.ndarray]
 
 AS_IN_PYTHON = (
     "BANDWIDTH", "RELATIVE_FLOOR", "GATE_HOLD", "STUDENT", "RISE_TIME", "FALL_TIME", "LEAST_MASS_SHARE",
-    "LARGEST_ANGLE", "MOST_OFFSET", "AGE_CAUTION", "UNEVEN_FADING", "UNEVEN_STEP",
+    "LARGEST_ANGLE", "MOST_OFFSET", "AGE_CAUTION", "UNEVEN_FADING", "UNEVEN_STEP", "MOST_NOISE", "NOISE_TIME",
+    "EVEN_STEPS",
 )  # fmt: skip
 """Constants of the identifier that the runtime has under the same names."""
 
@@ -155,6 +156,7 @@ def identifier_data(loop: Identifier) -> Data:
         "CORRELATION": i.POLES / i.BANDWIDTH,
         "CLOSE_RATES": CLOSE_RATES,
         "TILT_RATIO": mean[2] / mean[3],
+        "NOISE_GAIN": loop.noise_gain,
         "PASSIVE_LIMIT": loop.passive_limit,
         "LEAST_GAIN": LEAST_GAIN,
         "mean": mean,

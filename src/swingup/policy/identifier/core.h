@@ -39,6 +39,7 @@ typedef struct {
     double covariance[SWINGUP_UNKNOWNS][SWINGUP_UNKNOWNS];
     double variance[2];           /* of what each joint's row leaves unexplained (N^2 m^2) */
     double held[2];               /* time for which each joint's row is still not used (s) */
+    double noise[2];              /* variance of the noise of both angles (rad^2) */
     double base[9];               /* base parameters of a pendulum: those found, or as near to them as can be */
     double residual_base[9];      /* the same with the friction that the compensation leaves */
     double predicted_friction[4]; /* of the estimator's model: damping of both joints, then Coulomb friction */
@@ -239,12 +240,44 @@ static inline void swingup_rows(const swingup_identifier *c, double rows[2][SWIN
     rows[SWINGUP_DRIVEN][SWINGUP_UNKNOWNS] = torque[SWINGUP_DRIVEN];
 }
 
+/* The variance of the noise of both angles, from third differences. */
+static inline void swingup_follow_noise(swingup_identifier *c, double step)
+{
+    const double *steps = c->steps + c->age;
+    double least = steps[0], most = steps[0];
+    int i;
+    for (i = 1; i < 3; i++) {
+        least = steps[i] < least ? steps[i] : least;
+        most = steps[i] > most ? steps[i] : most;
+    }
+    /* An uneven step shows in the differences like noise. */
+    for (i = 0; i < 2 && most - least < SWINGUP_EVEN_STEPS * SWINGUP_DT; i++) {
+        const double difference = c->angles[0][i] - c->angles[3][i] - 3.0 * (c->angles[1][i] - c->angles[2][i]);
+        const double seen = difference * difference / 20.0;
+        const double bounded = seen < SWINGUP_MOST_NOISE * SWINGUP_MOST_NOISE ? seen : SWINGUP_MOST_NOISE * SWINGUP_MOST_NOISE;
+        c->noise[i] += -expm1(-step / SWINGUP_NOISE_TIME) * (bounded - c->noise[i]);
+    }
+}
+
+/* What the noise of the angles takes from a joint's row in the mean, of the base parameters 0 to 2 and 8. */
+static inline void swingup_spoilt(const swingup_identifier *c, int joint, double step, double spoilt[4])
+{
+    const double *x = c->unknowns, gr = SWINGUP_GEAR, gain = SWINGUP_NOISE_GAIN * step / SWINGUP_DT;
+    const double along = SWINGUP_L1 * cos(c->angles[0][1]), m12 = x[1] + along * x[2] - gr * x[8];
+    const double m11 = x[0] + 2.0 * along * x[2] + gr * gr * x[8] + x[8], m22 = x[1] + gr * gr * x[8];
+    const double a1 = gain * c->noise[0] * (joint == 0 ? m11 : m12), a2 = gain * c->noise[1] * (joint == 0 ? m12 : m22);
+    spoilt[0] = joint == 0 ? a1 : 0.0;
+    spoilt[1] = joint == 0 ? a2 : a1 + a2;
+    spoilt[2] = along * (joint == 0 ? 2.0 * a1 + a2 : a1);
+    spoilt[3] = joint == 0 ? (gr * gr + 1.0) * a1 - gr * a2 : gr * gr * a2 - gr * a1;
+}
+
 /* One joint's low-passed row: the variance of its errors, and what it tells of the unknowns. */
 static inline void swingup_update(swingup_identifier *c, int joint, double step)
 {
     const double least = swingup_least_variance[joint], most = swingup_most_variance[joint];
     const double *row = c->filter.rows[2][joint];
-    double uncertain[SWINGUP_UNKNOWNS], predictive_variance = 0.0, error = row[SWINGUP_UNKNOWNS], size = fabs(error);
+    double uncertain[SWINGUP_UNKNOWNS], spoilt[4], predictive_variance = 0.0, error = row[SWINGUP_UNKNOWNS], size = fabs(error);
     double lowest, r, distance, held, w, heavy, seen;
     int i, j;
 
@@ -273,6 +306,7 @@ static inline void swingup_update(swingup_identifier *c, int joint, double step)
     seen = distance * r < most ? distance * r : most;
     c->variance[joint] += -expm1(-step / (seen > c->variance[joint] ? SWINGUP_RISE_TIME : SWINGUP_FALL_TIME)) * (seen - c->variance[joint]);
     c->held[joint] = swingup_more(held, 0.0);
+    swingup_spoilt(c, joint, step, spoilt);
     for (i = 0; i < SWINGUP_UNKNOWNS; i++) {
         const double gain = held > 0.0 ? 0.0 : uncertain[i] / (predictive_variance + heavy);
         c->unknowns[i] += gain * error;
@@ -281,6 +315,10 @@ static inline void swingup_update(swingup_identifier *c, int joint, double step)
             c->covariance[i][j] -= gain * uncertain[j];
             c->covariance[j][i] = c->covariance[i][j];
         }
+    }
+    for (i = 0; i < SWINGUP_UNKNOWNS && !(held > 0.0); i++) {
+        const double *p = c->covariance[i];
+        c->unknowns[i] += (p[0] * spoilt[0] + p[1] * spoilt[1] + p[2] * spoilt[2] + p[8] * spoilt[3]) / heavy;
     }
 }
 
@@ -301,6 +339,7 @@ static inline int swingup_learn(swingup_identifier *c)
             }
         }
     }
+    swingup_follow_noise(c, step);
     swingup_update(c, 0, step);
     swingup_update(c, 1, step);
     for (i = 0; i < SWINGUP_UNKNOWNS; i++) {

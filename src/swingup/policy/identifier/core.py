@@ -18,7 +18,15 @@ At each measurement, with the rows Y of ``plant.momentum`` for the last angles a
    h is the shortest step of the row's time, the loop's own period. n counts the neighbouring rows whose errors are
    alike. w is the inverse of Student's weight, ν = 4. A row with d above the gate, and rows for a while after it,
    change nothing but r: pushes.
-3. P grows by a small drift. There is no forgetting: what is not excited stays as sure as it was.
+3. Noise of the angles, of variance σ², spoils φ, and least squares find too little inertia. In both low-passed
+   accelerations it has the variances s = c σ², which add D = s1 j1 j1ᵀ + s2 j2 j2ᵀ to φ φᵀ in the mean, with j the
+   derivatives of φ by these. That is taken back:
+
+       x ← x + P D x / (n r' w).
+
+   c grows with the period. σ² follows δ²/20, up to a bound, where the last three steps are even: the third
+   differences δ of an angle see its noise and little of its motion.
+4. P grows by a small drift. There is no forgetting: what is not excited stays as sure as it was.
 
 A robot's loop may hand over the angles of an earlier call: so many calls ago is their age. Where the times between
 calls are uneven, the motion from angle to angle tells whose times they are; where they are even, it does not
@@ -32,8 +40,8 @@ not finite after a call, and angles beyond 1e6 rad, change nothing. Other parts 
 The motor's torque does not enter the undriven joint's row. That row alone gives its part of θ up to scale, and
 noise of the motor and pushes on the driven joint do not enter it; the driven joint's row adds the scale. Rates are
 not used at all: their noise costs nothing. Sources: filtered regression, Slotine and Li (Applied Nonlinear Control,
-9.2); recursive least squares with a variance that adapts to innovations, Mehra (IEEE Transactions on Automatic
-Control 15, 1970).
+9.2); compensated bias, Sagara and Wada (International Journal of Control 25, 1977); recursive least squares with a
+variance that adapts to innovations, Mehra (IEEE Transactions on Automatic Control 15, 1970).
 """
 
 import functools
@@ -44,9 +52,9 @@ import numpy as np
 
 from ...plant.base_parameters import BASE, feasible_fraction, friction_of, lumped
 from ...plant.damped import Friction
-from ...plant.equations import Number, Pair
+from ...plant.equations import Number, Pair, mass_entries
 from ...plant.maths import Maths
-from ...plant.momentum import momentum_rows
+from ...plant.momentum import inertial_row, momentum_rows
 from . import settings as chosen
 from .compensation import Load, Model, compensation
 from .settings import LAG, LOADS, POLES, UNKNOWNS
@@ -54,6 +62,8 @@ from .state import Array, IdentifierState, Loop
 
 EYE = np.eye(LOADS)
 """Faster than making a diagonal matrix at each call."""
+THIRD_DIFFERENCE = 20.0
+"""1² + 3² + 3² + 1²: its variance over that of the angles' noise."""
 
 
 class Found(NamedTuple):
@@ -92,6 +102,7 @@ def begin(maths: Maths, loop: Loop) -> IdentifierState:
         covariance=xp.array(loop.covariance),
         variance=(first, second),
         held=(zero, zero),
+        noise=(zero, zero),
     )
 
 
@@ -220,7 +231,7 @@ def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
     stages, weight = [_rows(maths, loop, state, steps, step)], -maths.expm1(-chosen.BANDWIDTH * step)
     for stage in state.filtered:
         stages.append(stage + weight * (stages[-1] - stage))
-    state = state._replace(filtered=tuple(stages[1:]))
+    state = state._replace(filtered=tuple(stages[1:]), noise=_noise(maths, loop, state, step))
     for joint in (0, 1):
         state = _update(maths, loop, joint, stages[-1][joint], state, step)
     covariance = state.covariance
@@ -230,6 +241,33 @@ def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
     drift = chosen.DRIFT**2 * step * prior_variance * (covariance.diagonal() < prior_variance)
     diagonal = maths.xp.asarray(EYE[: len(covariance), : len(covariance)], covariance.dtype) * drift
     return state._replace(covariance=covariance + diagonal)
+
+
+def _noise(maths: Maths, loop: Loop, state: IdentifierState, step: Number) -> Pair:
+    """Variance of both angles' noise (rad²)."""
+    newest, second, third, last = (maths.numbers(state.angles[place]) for place in range(4))
+    steps = maths.window(state.steps, state.age, 3)
+    # An uneven step shows in the differences like noise.
+    even = steps.max() - steps.min() < chosen.EVEN_STEPS * loop.period
+    follow = maths.where(even, -maths.expm1(-step / chosen.NOISE_TIME), 0.0)
+    found = []
+    for variance, a, b, c, d in zip(state.noise, newest, second, third, last, strict=True):
+        difference = a - d - 3.0 * (b - c)
+        seen = maths.minimum(difference * difference / THIRD_DIFFERENCE, chosen.MOST_NOISE**2)
+        found.append(variance + follow * (seen - variance))
+    return found[0], found[1]
+
+
+def _spoilt(maths: Maths, loop: Loop, joint: int, state: IdentifierState, step: Number) -> Array:
+    """D x (n,): what the noise of the angles takes from a joint's row in the mean."""
+    x = maths.numbers(state.unknowns)
+    _, cos2 = maths.sine_cosine(maths.number(state.angles[0, 1]))
+    m11, m12, m22 = mass_entries(lumped(x, loop.geometry), cos2)
+    # Of white noise a shorter step has more, and the low-passes leave less.
+    s1, s2 = (loop.noise_gain * step / loop.period * each for each in state.noise)
+    acceleration = (s1 * m11, s2 * m12) if joint == 0 else (s1 * m12, s2 * m22)
+    row = inertial_row(joint, acceleration, cos2, loop.geometry)
+    return maths.vector([*row, *[0.0 * s1] * (len(x) - BASE)])
 
 
 def _rows(maths: Maths, loop: Loop, state: IdentifierState, steps: Array, step: Number) -> Array:
@@ -292,13 +330,16 @@ def _update(
     student = maths.maximum(1.0, (chosen.STUDENT + distance) / (chosen.STUDENT + 1.0))
     heavy = r * maths.maximum(1.0, POLES / chosen.BANDWIDTH / step) * student
     # A row that is held is infinitely heavy.
-    gain = uncertain / maths.where(held > 0, math.inf, predictive_variance + heavy)
+    heavy = maths.where(held > 0, math.inf, heavy)
+    gain = uncertain / (predictive_variance + heavy)
+    covariance = covariance - gain[:, None] * uncertain
+    unknowns = unknowns + gain * error + covariance.dot(_spoilt(maths, loop, joint, state, step)) / heavy
     # A spoilt angle must not blind the identifier for seconds.
     seen = maths.minimum(distance * r, (chosen.MOST_DEVIATION * _deviation(loop, joint)) ** 2)
     follow = -maths.expm1(-step / maths.where(seen > variance, chosen.RISE_TIME, chosen.FALL_TIME))
     return state._replace(
-        unknowns=unknowns + gain * error,
-        covariance=covariance - gain[:, None] * uncertain,
+        unknowns=unknowns,
+        covariance=covariance,
         variance=_with(state.variance, joint, variance + follow * (seen - variance)),
         held=_with(state.held, joint, maths.maximum(held, 0.0)),
     )

@@ -64,6 +64,12 @@ UNEVEN_STEP = 1e-3
 """Angle (rad) by which a call's motion may miss what the time since the last call explains."""
 UNEVEN_FADING = 0.9995
 """Factor on what was missed, at each call."""
+NOISE_TIME = 0.05
+"""Time in which the noise of the angles is followed (s)."""
+MOST_NOISE = 1e-3
+"""Largest standard deviation of an angle's noise (rad)."""
+EVEN_STEPS = 0.1
+"""Steps that differ by less, in periods, are even: the noise shows in them."""
 AGE_CAUTION = 4.0
 """Evidence that it takes to believe that angles are a call old, or that they are not."""
 LONGEST_STEP = 4.0
@@ -93,6 +99,17 @@ def span(period: float) -> int:
 def commands(period: float, max_delay_steps: int) -> int:
     """Commands to remember. Angles may be a call old whatever the longest delay is."""
     return 2 * span(period) + max(max_delay_steps, 1)
+
+
+def noise_gain(period: float) -> float:
+    """Variance (1/s⁴) of a low-passed row's accelerations, for angles with white noise of variance 1."""
+    half, keep = span(period), np.exp(-BANDWIDTH * period)
+    low_pass = (1.0 - keep) * keep ** np.arange(round(20.0 / (BANDWIDTH * period)))
+    response = np.zeros(2 * half + 1)
+    response[[0, half, 2 * half]] = np.array([1.0, -2.0, 1.0]) / (half * period) ** 2
+    for _ in range(POLES):
+        response = np.convolve(response, low_pass)
+    return float(response @ response)
 
 
 def prior(plant: Plant, settings: IdentifierSettings | None = None) -> tuple[np.ndarray, np.ndarray]:

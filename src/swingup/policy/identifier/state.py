@@ -28,6 +28,8 @@ class Loop(NamedTuple):
     """θ of the nominal plant, no offsets, no lag, a gain of 1, and no loads where they are expected (n,)."""
     covariance: Array
     """Prior covariance (n, n)."""
+    noise_gain: float
+    """Variance of a low-passed row's accelerations over that of the angles' noise (1/s⁴)."""
 
 
 def make_loop(
@@ -35,7 +37,8 @@ def make_loop(
 ) -> Loop:
     """What an identifier knows of a plant's loop, whose period (s) and longest delay (steps) are an estimator's."""
     passive_limit = settings.passive_limit
-    return Loop(joint, period, max_delay_steps, passive_limit, geometry_of(plant), *chosen.prior(plant, settings))
+    known = geometry_of(plant), *chosen.prior(plant, settings), chosen.noise_gain(period)
+    return Loop(joint, period, max_delay_steps, passive_limit, *known)
 
 
 class IdentifierState(NamedTuple):
@@ -65,3 +68,5 @@ class IdentifierState(NamedTuple):
     """Variance of what each joint's row leaves unexplained (N² m²)."""
     held: Pair
     """Time for which each joint's row is still not used (s)."""
+    noise: Pair
+    """Variance of the noise of both angles (rad²)."""
