@@ -100,7 +100,7 @@ HAND_OVER = {
 """Chosen on plants and seeds that no board has, the acrobot's ``enter`` by its score too (``lab/adaptive.md``)."""
 FINDING = {
     "acrobot": IdentifierSettings(load_deviation=0.01, spring_deviation=0.01),
-    "pendubot": IdentifierSettings(),
+    "pendubot": IdentifierSettings(load_deviation=0.02, spring_deviation=0.01),
 }
 """Which loads are looked for. Chosen on robots outside of the package (``lab/adaptive.md``)."""
 ACCELERATION_NOISE = 10.0
