@@ -253,7 +253,7 @@ static inline void swingup_follow_noise(swingup_identifier *c, double step)
     /* An uneven step shows in the differences like noise. */
     for (i = 0; i < 2 && most - least < SWINGUP_EVEN_STEPS * SWINGUP_DT; i++) {
         const double difference = c->angles[0][i] - c->angles[3][i] - 3.0 * (c->angles[1][i] - c->angles[2][i]);
-        const double seen = difference * difference / 20.0;
+        const double seen = difference * difference / 20.0; /* 1 + 9 + 9 + 1 */
         const double bounded = seen < SWINGUP_MOST_NOISE * SWINGUP_MOST_NOISE ? seen : SWINGUP_MOST_NOISE * SWINGUP_MOST_NOISE;
         c->noise[i] += -expm1(-step / SWINGUP_NOISE_TIME) * (bounded - c->noise[i]);
     }

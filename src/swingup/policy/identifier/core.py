@@ -263,7 +263,7 @@ def _spoilt(maths: Maths, loop: Loop, joint: int, state: IdentifierState, step: 
     x = maths.numbers(state.unknowns)
     _, cos2 = maths.sine_cosine(maths.number(state.angles[0, 1]))
     m11, m12, m22 = mass_entries(lumped(x, loop.geometry), cos2)
-    # Of white noise a shorter step has more, and the low-passes leave less.
+    # What the low-passes leave of white noise grows with the step.
     s1, s2 = (loop.noise_gain * step / loop.period * each for each in state.noise)
     acceleration = (s1 * m11, s2 * m12) if joint == 0 else (s1 * m12, s2 * m22)
     row = inertial_row(joint, acceleration, cos2, loop.geometry)
