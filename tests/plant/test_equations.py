@@ -94,7 +94,8 @@ def test_accelerations_take_the_mass_matrix_in_rows():
     q2, acceleration = 0.7, np.array([3.0, -2.0])
     rows = [inertial_row(joint, tuple(acceleration), math.cos(q2), GEOMETRY) for joint in (0, 1)]
     m11, m12, m22 = equations.mass_entries(lump(PLANT), math.cos(q2))
-    assert np.array(rows) @ base_parameters(PLANT) == pytest.approx([[m11, m12], [m12, m22]] @ acceleration, rel=1e-12)
+    torques = np.array(rows) @ base_parameters(PLANT)
+    assert torques == pytest.approx([[m11, m12], [m12, m22]] @ acceleration, rel=1e-12)
 
 
 @pytest.mark.parametrize("wrong", [(0.002, 0.0), (0.0, 0.002), (0.002, -0.003)])
