@@ -36,6 +36,10 @@ def each(name, function):
     return lambda c: {f"{name}{joint}": function(getattr(c, f"{name}{joint}")) for joint in (1, 2)}
 
 
+def wrapped(angle):
+    return np.angle(np.exp(1j * angle))
+
+
 RPM = "dq1=vel_meas1:rpm dq2=vel_meas2:rpm"
 ABSOLUTE, SWAPPED = "q2=pos_meas2-pos_meas1 dq2=vel_meas2-vel_meas1", "u1=tau_con2 u2=tau_con1"
 CONVENTIONS = {
@@ -65,6 +69,8 @@ CONVENTIONS = {
     "counts that wrap": (each("q", lambda q: np.round(q * 8192 / TURN) % 8192),
                          "q1=pos_meas1:counts/8192 q2=pos_meas2:counts/8192"),
     "angles of the motors": (each("q", lambda q: 6 * q), "q1=pos_meas1:rad*0.166667 q2=pos_meas2:rad*0.166667"),
+    "absolute, up, wrapped": (lambda c: {"q1": wrapped(c.q1 - PI), "q2": wrapped(c.q1 + c.q2 - PI),
+                                         "d2": c.d1 + c.d2}, f"q1=pos_meas1+pi {ABSOLUTE}"),
     "nanoseconds of an epoch": (lambda c: {"t": np.round(1e9 * c.t) + 1.7e18}, "time=time:ns"),
 }  # fmt: skip
 """What was done to a log, and the words that undo it; the first five are not slow."""
@@ -130,14 +136,32 @@ def as_text(separator=",", decimal=".", names=NAMES, above=(), below=(), encodin
     return save
 
 
+def edited(save, change):
+    """A text whose lines are changed."""
+
+    def changed(path, table):
+        text = save(path, table)
+        text.write_text("\n".join(change(text.read_text().split("\n"))))
+        return text
+
+    return changed
+
+
 def as_npz(path, table):
     np.savez(path, t=table[:, 0], q=table[:, 1:3], dq=table[:, 3:5], u=table[:, 5:].T)
     return path.with_suffix(".npz")
 
 
-def as_mat(compressed):
+def with_stamps(path, table):
+    """ROS's times, from a clock that is not at 0."""
+    second, rest = np.divmod(table[:, 0] + 7.9, 1)
+    table = np.column_stack([second, np.round(1e9 * rest), table[:, 1:]])
+    return as_text(names=["sec", "nanosec", *NAMES[1:]])(path, table)
+
+
+def as_mat(compressed, names=lambda q: {"q": q}):
     def save(path, table):
-        log = {"t": table[:, :1], "q": table[:, 1:3], "u": table[:, 5:]}
+        log = {"t": table[:, :1], "u": table[:, 5:]} | names(table[:, 1:3])
         savemat(path.with_suffix(".mat"), {"log": log, "note": "mine", "n": 3}, do_compression=compressed)
         return path.with_suffix(".mat")
 
@@ -156,8 +180,23 @@ FILES = {
     "comments": (as_text(above=["# robot: mine, blue", "% 500 Hz"]), ""),
     "quoted": (as_text(names=[f'"{name}"' for name in NAMES], encoding="utf-8-sig"), ""),
     "a row of units": (as_text(";", below=["s;rad;rad;-;rad/s;N·m;Nm"]), ""),
+    "numpy's text": (as_text(" ", names=["#", *NAMES]), ""),
+    "a header with commas": (as_text(" ", names=[HEADER]), ""),
+    "numbers above": (as_text(above=["fs,500"]), ""),
+    "comments within": (edited(as_text(), lambda lines: [*lines[:70], "  # pause", '"# hot"', *lines[70:]]), ""),
+    "quoted decimal commas": (
+        edited(as_text(";", ","), lambda lines: ['"' + each.replace(";", '","') + '"' for each in lines]), ""
+    ),
+    "empty columns": (
+        edited(as_text(names=[*NAMES, "tau_pert1", "tau_pert2"]),
+               lambda lines: [lines[0], *(f"{each},," for each in lines[1:])]), ""
+    ),
     "npz": (as_npz, ""),
     "mat, -v6": (as_mat(False), ""),
+    "one name twice": (as_mat(True, lambda q: {"des": {"q": 0 * q}, "meas": {"q": q}}), "q1=meas.q1 q2=meas.q2"),
+    "structures in an array": (
+        as_mat(True, lambda q: {"joint": np.array([(q[:, :1],), (q[:, 1:],)], [("q", object)])}), "q1=1.q q2=2.q"
+    ),
     "mat, -v7": (as_mat(True), ""),
     "other names": (as_text(names=OTHERS), "time=timestamp_ms:ms q1=theta1 q2=theta2 dq1=omega1 dq2=omega2 "
                     "u1=motor_torque1 u2=motor_torque2"),
@@ -165,6 +204,10 @@ FILES = {
                        "q1=q0 q2=q1 dq1=dq0 dq2=dq1 u1=tau0 u2=tau1"),
     "german": (as_text(";", ",", GERMAN, encoding="latin-1"), "time=Zeit|q1=Winkel Schulter|q2=Winkel Ellbogen|"
                "dq1=Drehzahl Schulter|dq2=Drehzahl Ellbogen|u1=Drehmoment Schulter|u2=Drehmoment Ellbogen"),
+    "ROS": (with_stamps, "time=sec+nanosec*1e-09"),
+    "joints in brackets": (as_text(names=["Time", *(f"{each} ({joint})" for each in ("Pos", "Vel")
+                                                   for joint in ("shoulder", "elbow")), *NAMES[5:]]),
+                           "time=Time|q1=Pos (shoulder)|q2=Pos (elbow)|dq1=Vel (shoulder)|dq2=Vel (elbow)"),
     "numbers in brackets": (as_text(names=["t", "q[0]", "q[1]", "qd[0]", "qd[1]", "tau[0] (Nm)", "tau[1] (Nm)"]),
                             "q1=q[0] q2=q[1] dq1=qd[0] dq2=qd[1] u1=tau[0] u2=tau[1]"),
     "torques of other names": (as_text(names=[*NAMES[:5], "torque1", "torque2"]), "u1=torque1 u2=torque2"),
@@ -228,6 +271,12 @@ ROWS = {
     "160 Hz, a gap": (jittered, "time jumps by 2"),
     "20 Hz": (lambda table: table[::23], "below 33 Hz parameters come out wrong"),
     "no torques": (put(ALL, slice(5, 7), 0.0), "torques are all zero"),
+    "torques now and then": (
+        put(ALL, slice(5, 7), lambda table: np.where(np.arange(len(table))[:, None] % 5, np.nan, table[:, 5:])),
+        "torques are missing in 80% of the rows",
+    ),
+    "rows twice": (lambda table: np.repeat(table, 2, axis=0), "repeat the one before and its time"),
+    "a constant torque": (put(ALL, 5, 0.3), "torque 1 is 0.3 N m in every row"),
     "one torque at its limit": (put(ALL, 5, lambda table: np.sign(table[:, 5])), "torque 1 stands at ±1 N m in"),
 }  # fmt: skip
 """Rows that a log may have, and what is said of them."""

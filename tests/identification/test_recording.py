@@ -66,11 +66,27 @@ def test_a_log_without_velocities_and_torques_and_one_of_which_only_the_motor_re
     assert (recording.driven, recording.commanded) == ((False, False), False)
 
 
+def test_torques_of_some_rows_hold_and_states_may_have_one_row_more(tmp_path):
+    some = np.arange(len(TIME)) % 4 == 0
+    table = changed([5], lambda torque: np.where(some[:, None] & (TIME[:, None] < 2), torque, np.nan))
+    found = read_recording(write(tmp_path / "log.csv", table)).u[:, 0]
+    expected = np.repeat(TORQUES[some, 0], 4)[: len(TIME)]
+    np.testing.assert_allclose(found[TIME < 2], expected[TIME < 2])
+    # They hold for 60 ms at most.
+    assert found[TIME < 2.05][-1] == expected[TIME < 2][-1]
+    np.testing.assert_array_equal(found[TIME > 2.06], 0.0)
+    np.savez(tmp_path / "log.npz", t=TIME, q=ANGLES, dq=RATES, u=TORQUES[:-1])
+    recording = read_recording(tmp_path / "log.npz")
+    assert len(recording.time) == len(TIME)
+    np.testing.assert_allclose(recording.u[:-1], TORQUES[:-1])
+
+
 FEW_ROWS = np.column_stack([0.1 * np.arange(14), TABLE[np.arange(14) * 50 // 250 * 250, 1:]])
 HELD = np.column_stack([0.01 * np.arange(450), np.repeat(TABLE[[0, 300, 600], 1:], 150, axis=0)])
 REFUSED = {
     "joint 2 never moves": changed([2], np.zeros_like),
     "at least 0.8 s": changed([0], lambda time: time / 1000),
+    "with enough digits of the time": changed([0], np.floor),
     "comes after": changed([0], lambda time: np.abs(time - 1)),
     "log.csv has 3 different rows, ": FEW_ROWS,
     "log.csv has only 3 different pairs of angles in 450 rows": HELD,

@@ -1,7 +1,7 @@
 """Columns of a table in terms of a file's: signs, sums, a constant and a unit, as in q1=theta1+180:deg.
 
 A word maps one column, NAME=EXPRESSION[:UNIT]. The expression adds and subtracts titles of the file (or #3, its
-third column) and numbers or pi; all of it is in the unit, and in SI units without one.
+third column), times a number if need be, and numbers or pi; all of it is in the unit, and in SI units without one.
 """
 
 import contextlib
@@ -39,6 +39,8 @@ SPELLINGS = {
 }  # fmt: skip
 """Other spellings, without spaces, points, hyphens and capitals."""
 
+NUMBER = r"\d+(?:\.\d*)?(?:[eE]-?\d+)?"
+"""In an expression, as 1e-9."""
 SHORT_NAMES = {
     f"{short}{joint}": f"{long}{joint}"
     for short, long in (("q", "pos_meas"), ("dq", "vel_meas"), ("u", "tau_con"))
@@ -52,8 +54,8 @@ SHORT = {long: short for short, long in SHORT_NAMES.items() if short != "t"}
 class Column:
     """One column in terms of a file's."""
 
-    terms: tuple[tuple[int, str], ...]
-    """Signs and titles; "#3" is the third column."""
+    terms: tuple[tuple[float, str], ...]
+    """Factors, mostly signs, and titles; "#3" is the third column."""
     constant: float = 0.0
     """What is added, in the unit."""
     unit: str = ""
@@ -61,7 +63,9 @@ class Column:
 
     def word(self, name: str) -> str:
         """The word that maps a column to this one."""
-        text = "".join("+-"[sign < 0] + title for sign, title in self.terms).removeprefix("+")
+        text = "".join(
+            "+-"[factor < 0] + title + f"*{abs(factor):.10g}" * (abs(factor) != 1) for factor, title in self.terms
+        ).removeprefix("+")
         if self.constant:
             text += _constant(self.constant)
         return f"{SHORT.get(name, name)}={text or '0'}{self.unit and ':' + self.unit.replace(' ', '')}"
@@ -69,7 +73,7 @@ class Column:
     def signed(self, sign: int) -> "Column":
         """This column, or its negative."""
         return replace(
-            self, terms=tuple((sign * s, title) for s, title in self.terms), constant=sign * self.constant
+            self, terms=tuple((sign * each, title) for each, title in self.terms), constant=sign * self.constant
         )
 
 
@@ -122,19 +126,17 @@ def parse_column(path: object, name: str, text: str, titles: Sequence[str]) -> C
     if text.isdecimal() or expression.isdecimal():  # a place
         expression = f"#{expression or text}" if 1 <= int((expression or text)[:9]) <= len(titles) else expression
     known = "|".join(re.escape(title) for title in sorted(set(titles) - {""}, key=len, reverse=True))
-    token = re.compile(
-        rf"\s*([-+]?)\s*(?:({known or '(?!)'})|(#\d+)|(pi(?:/[1-9]\d*)?|\d+(?:\.\d*)?(?:[eE]-?\d+)?))"
-    )
-    terms, constant, place = list[tuple[int, str]](), 0.0, 0
+    token = re.compile(rf"\s*([-+]?)\s*(?:({known or '(?!)'}|#\d+)(?:\*({NUMBER}))?|(pi(?:/[1-9]\d*)?|{NUMBER}))")
+    terms, constant, place = list[tuple[float, str]](), 0.0, 0
     while place < len(expression):
         found = token.match(expression, place)
         if found is None or (place and not found[1]):
             raise _missing(path, text, titles)
         sign = -1 if found[1] == "-" else 1
-        if found[2] or found[3]:
-            if found[3] and not 1 <= int(found[3][1:10]) <= len(titles):
+        if found[2]:
+            if found[2] not in titles and not 1 <= int(found[2][1:10]) <= len(titles):
                 raise _missing(path, text, titles)
-            terms.append((sign, found[2] or found[3]))
+            terms.append((sign * float(found[3] or 1), found[2]))
         else:
             pi, _, part = found[4].partition("/")
             value = math.pi / float(part or 1) if pi == "pi" else float(found[4])
@@ -175,7 +177,7 @@ def _constant(value: float) -> str:
 
 
 _KINDS = {
-    "time": r"time|zeit|stamp|^t$|^t[_ ]|^ts$|^sec",
+    "time": r"time|zeit|stamp|^t$|^t[_ ]|^ts$|^sec|^n(ano)?sec",
     "dq": r"vel|omega|speed|dot|geschw|drehzahl|rpm|^d(q|th|phi)|^qd|^w_?\d?$|rate",
     "u": r"tau|torque|moment|effort|current|strom|^u|^[im]_?\d|^iq|cmd|amp",
     "q": r"pos|ang|theta|phi|winkel|^q|^th|enc|gelenk|joint",
@@ -183,19 +185,29 @@ _KINDS = {
 """Words in the titles that people give, tried in order."""
 _WANTED = re.compile(r"des|ref|goal|soll|target|filt")
 """A title with one of these comes after others like it: it was not measured."""
+_STAMP = (r"(^|[^no])secs?$", r"n(ano)?secs?$")
+"""Ends of ROS's titles for the seconds and nanoseconds of a time."""
 _JOINTS = {"1": r"shoulder|schulter|upper|first", "2": r"elbow|ell|lower|second"}
 
 
 def suggest_columns(titles: Sequence[str], names: Sequence[str]) -> list[str]:
     """Words that map the columns of these names, as far as other people's titles tell them."""
     likely: dict[str, Column] = {}
-    kinds = {
-        title: next((k for k, word in _KINDS.items() if re.search(word, title.lower())), "") for title in titles
-    }
+
+    def kind_of(title: str) -> str:
+        # Of meas.q1 the last name tells where the whole does not.
+        words = title.lower(), title.lower().rpartition(".")[2]
+        return next((k for text in words for k, word in _KINDS.items() if re.search(word, text)), "")
+
+    kinds = {title: kind_of(title) for title in titles}
     for kind in _KINDS:
         mine = sorted(
             (title for title in titles if kinds[title] == kind), key=lambda title: bool(_WANTED.search(title))
         )
+        # ROS counts seconds and the nanoseconds beyond them apart.
+        whole, rest = (next((t for t in mine if re.search(end, t.lower())), "") for end in _STAMP)
+        if kind == "time" and whole and rest:
+            likely["time"] = Column(((1, whole), (1e-9, rest)))
         digits = {title: (re.findall(r"\d+", title) or [""])[-1] for title in mine}
         shift = 1 if "0" in digits.values() else 0
         for place, title in enumerate(mine, start=1):

@@ -74,12 +74,15 @@ def _matrix(data: bytes, order: str, depth: int) -> tuple[str, Any]:
         return name, None
     length = max(int(_numbers(*parts[3], order)[0]), 1)
     names = [parts[4][1][k : k + length].split(b"\0")[0] for k in range(0, len(parts[4][1]), length)]
-    # Of an array of structures the first one.
-    fields = {
-        each.decode("latin-1"): _matrix(part[1], order, depth - 1)[1]
-        for each, part in zip(names, parts[5:], strict=False)
-    }
-    return name, {each: value for each, value in fields.items() if value is not None}
+    found = []
+    for start in range(5, len(parts), max(len(names), 1)):
+        fields = {
+            each.decode("latin-1"): _matrix(part[1], order, depth - 1)[1]
+            for each, part in zip(names, parts[start:], strict=False)
+        }
+        found.append({each: value for each, value in fields.items() if value is not None})
+    # Those of an array of structures are numbered.
+    return name, found[0] if len(found) == 1 else {str(k): each for k, each in enumerate(found, start=1)}
 
 
 def _numbers(kind: int, data: bytes, order: str) -> np.ndarray:

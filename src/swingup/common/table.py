@@ -17,7 +17,7 @@ from .checks import LARGEST_NUMBER
 from .columns import SHORT_NAMES, Column, parse_columns, suggest_columns, unit_size
 from .errors import SwingupError
 from .files import write_atomically
-from .table_cells import UNIT, Cells, Row, is_number, read_cells
+from .table_cells import Cells, Row, is_number, read_cells
 from .text import quoted
 
 Names = tuple[str, ...]
@@ -27,8 +27,8 @@ MINIMUM_ROWS = 3
 """The swing-up time looks at the rows between the first and the last."""
 EPOCH = 1e6
 """A time beyond this (in its unit) counts from another day: the clock then starts at 0."""
-LEAST_ROWS = 20
-"""Rows that show an even rate."""
+LEAST_TIMES = 50
+"""Different times that show the rate of rows: with whole seconds in a log of three it may be off by a tenth."""
 LEAST_SHARE = 0.2
 """Share of rows that repeat a time from which times are rounded; fewer are faults."""
 
@@ -59,12 +59,12 @@ def read_table(
     columns: Sequence[str] = (),
     gaps: bool = False,
 ) -> Table:
-    """Read columns in float64, cut to the shortest: the first complete choice of each group, the time first.
+    """Read columns in float64: the first complete choice of each group, the time first.
 
     A file is text (CSV and its relatives: separators, decimal commas, quotes and comments are found out), or an
     npz, npy or mat file with arrays. Units in a title, as in ``time[ms]``, are converted. Optional columns are read
-    if all are there. ``columns`` map names (``columns.parse_columns``). With ``gaps`` cells may be missing, and
-    times may be in any order.
+    if all are there. ``columns`` map names (``columns.parse_columns``). All are cut to the shortest; with ``gaps``
+    cells may be missing instead, columns without any are as if not there, and times may be in any order.
     """
     cells = read_cells(path)
     if not any(cells.titles) and not (columns and cells.rows):
@@ -73,7 +73,7 @@ def read_table(
             f"{path} has no header: its first line must be {','.join(names)}, or name its columns in their order, "
             f"as in --columns {' '.join(names)}"
         )
-    header = cells.names
+    header = [name if not gaps or _filled(cells, f"#{place}") else "" for place, name in enumerate(cells.names, 1)]
     sources = _sources(path, header, groups, columns)
     chosen = _choose(path, header, sources, groups, optional)
     sources = {name: _with_unit(path, name, sources[name], cells) for name in chosen}
@@ -83,7 +83,7 @@ def read_table(
         if any(row[len(header) :]):
             raise SwingupError(f"{path}, line {line} has more cells than columns: write decimals with a point")
     # RealAIGym also cuts rows to the shortest column.
-    rows = cells.rows[: min((_filled(cells, title) for title in titles), default=0)]
+    rows = cells.rows if gaps else cells.rows[: min((_filled(cells, title) for title in titles), default=0)]
     if len(rows) < MINIMUM_ROWS:
         raise SwingupError(f"{path} has {len(rows)} complete rows: at least {MINIMUM_ROWS} are needed")
     if not gaps:
@@ -92,11 +92,11 @@ def read_table(
     for name, column in sources.items():
         epoch = _epoch(cells, rows[:1], column) if name == clock else Decimal(0)
         parts = [np.full(len(rows), column.constant)] if column.constant or not column.terms else []
-        for sign, title in column.terms:
-            label = name if len(column.terms) == 1 else title
+        for factor, title in column.terms:
+            label = name if len(column.terms) == 1 or name == clock else title
             given = zip(rows, cells.column(title, rows), strict=True)
             numbers = [_number(f"{path}, line {row[0]}", cells, cell, label, gaps, epoch) for row, cell in given]
-            parts.append(sign * np.array(numbers))
+            parts.append(factor * np.array(numbers))
         # Without a first zero, to which -0.0 would be added.
         values[name] = sum(parts[1:], parts[0]) * unit_size(name, column.unit)
     if not gaps:
@@ -140,8 +140,7 @@ def _with_unit(path: object, name: str, column: Column, cells: Cells) -> Column:
     for title in titles:
         if (count := cells.names.count(title)) > 1:
             raise SwingupError(f"{path} has {count} columns {title}: keep one of them")
-    brackets = [UNIT.search(cells.titles[cells.place(title)]) for title in titles]
-    units = list(dict.fromkeys(bracket[1] if bracket else "" for bracket in brackets))
+    units = list(dict.fromkeys(map(cells.unit, titles)))
     if column.unit or not any(units):
         return column
     try:
@@ -242,7 +241,7 @@ def _increasing(path: object, time: np.ndarray, lines: list[int]) -> np.ndarray:
 def spread_evenly(time: Float[np.ndarray, "rows"]) -> Float[np.ndarray, "rows"] | None:
     """Even times for rows whose times were rounded so far that several share one; None if they are not that."""
     steps = np.diff(time)
-    if len(time) < LEAST_ROWS or np.any(steps < 0) or np.mean(steps == 0) < LEAST_SHARE or not np.any(steps > 0):
+    if np.count_nonzero(steps) < LEAST_TIMES or np.any(steps < 0) or np.mean(steps == 0) < LEAST_SHARE:
         return None
     rows, resolution = np.arange(len(time)), float(np.median(steps[steps > 0]))
     even = np.polyval(np.polyfit(rows, time, 1), rows)

@@ -4,6 +4,7 @@ import codecs
 import csv
 import functools
 import io
+import itertools
 import re
 import zipfile
 from collections import Counter
@@ -45,8 +46,19 @@ class Cells:
 
     @functools.cached_property
     def names(self) -> list[str]:
-        """The names in the titles: "# time[s]" and "pos1 (rad)" name the columns time and pos1."""
-        return [UNIT.split(title.lstrip("# "), maxsplit=1)[0].rstrip() for title in self.titles]
+        """The names in the titles: "time[s]" and "pos1 (rad)" name the columns time and pos1.
+
+        What brackets alone tell apart, as in "Position (elbow)", belongs to the name.
+        """
+        short = [UNIT.split(title, maxsplit=1)[0].rstrip() for title in self.titles]
+        return [title if short.count(name) > 1 else name for title, name in zip(self.titles, short, strict=True)]
+
+    def unit(self, title: str) -> str:
+        """The unit in a column's title; empty without one."""
+        place = self.place(title)
+        bracket = UNIT.search(self.titles[place])
+        plain = bracket is None or (self.names[place] == self.titles[place] and not is_unit(bracket[1]))
+        return "" if plain else bracket[1]  # type: ignore[index]  # there is one
 
     def place(self, title: str) -> int:
         """The place of a column, by its name or as #3."""
@@ -96,21 +108,26 @@ def _text_cells(text: str) -> Cells:
     lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
     separator, decimal = _separator([line for _, line in lines if not line.lstrip().startswith(COMMENTS)])
     split = [(number, _split(line, separator)) for number, line in lines]
+    # Facts of the recording may stand above the table.
+    usual = Counter(len(cells) for _, cells in split[len(split) // 2 :]).most_common(1)
 
     def numeric(cells: list[str]) -> bool:
-        return 2 * sum(is_number(cell, decimal) for cell in cells) >= max(sum(map(bool, cells)), 1)
+        enough = 2 * sum(is_number(cell, decimal) for cell in cells) >= max(sum(map(bool, cells)), 1)
+        return enough and any(cells) and len(cells) >= usual[0][0]
 
-    first = next((k for k, (_, cells) in enumerate(split) if any(cells) and numeric(cells)), len(split))
+    first = next((k for k, (_, cells) in enumerate(split) if numeric(cells)), len(split))
     rows = [
-        row for row, (_, line) in zip(split[first:], lines[first:], strict=True) if not line.startswith(COMMENTS)
+        row
+        for row, (_, line) in zip(split[first:], lines[first:], strict=True)
+        if not line.lstrip(' "').startswith(COMMENTS)
     ]
     width = len(rows[0][1]) if rows else 0
     # Comments may stand above the header, the header may be a comment itself, and units may stand below it.
-    head = [cells for _, cells in split[:first] if len(cells) > 1]
+    head = [cells for _, line in lines[:first] if len(cells := _titles(line, separator, width)) > 1]
     head = [cells for cells in head if len(cells) == width] or head[-1:]
     if not head:
         return Cells([""] * width, rows, decimal)
-    titles = [re.sub(r"^(#|%|//)\s*", "", title) for title in head[-1]]
+    titles = head[-1]
     units = [re.sub(r"[\[\]()]|^-$", "", title) for title in titles]
     # A line of units below the header; some, as volts, may be of columns that nobody reads.
     if len(head) > 1 and 2 * sum(is_unit(unit) for unit in units if unit) > sum(map(bool, units)):
@@ -126,8 +143,17 @@ def _separator(lines: list[str]) -> tuple[str, str]:
         rows = [_split(line, pair[0]) for line in sample]
         return sum(sum(is_number(cell, pair[1]) for cell in row) for row in rows if len(row) > 1)
 
-    pairs = [(each, decimal) for decimal in ".," for each in SEPARATORS if each != decimal]
+    # A decimal comma may stand between commas where numbers are in quotes.
+    quotes = any('"' in line for line in sample)
+    pairs = [(each, decimal) for decimal in ".," for each in SEPARATORS if each != decimal or quotes]
     return max(pairs, key=numbers)
+
+
+def _titles(line: str, separator: str, width: int) -> list[str]:
+    """The titles of a header, whose separator may be another one, and which a comment's sign may begin."""
+    line = re.sub(r'^\s*("?)\s*(?:#|%|//)\s*', r"\1", line)
+    ways = [_split(line, each) for each in (separator, *SEPARATORS)]
+    return next((cells for cells in ways if len(cells) == width), ways[0])
 
 
 def _split(line: str, separator: str) -> list[str]:
@@ -145,30 +171,38 @@ def _split(line: str, separator: str) -> list[str]:
 def _array_cells(path: str | Path, content: bytes) -> Cells:
     try:
         mat = Path(path).suffix.lower() == ".mat"
-        arrays = dict(_columns("", read_mat(content, MOST_UNPACKED) if mat else _read_numpy(io.BytesIO(content))))
+        found = read_mat(content, MOST_UNPACKED) if mat else _read_numpy(path, io.BytesIO(content))
+        arrays = _named(list(_columns((), found)))
     except NotImplementedError as error:
         raise SwingupError(f"{path} is a mat file of version 7.3: save it with -v7") from error
     except SwingupError:
         raise
     except Exception as error:  # readers of foreign files raise anything
         raise SwingupError(
-            f"cannot read {path}: it is damaged, or not the kind of file that its name says"
+            f"cannot read {path}: it is damaged, or not the kind of file that its name says (mat: of -v6 or -v7)"
         ) from error
     if not arrays:
         raise SwingupError(f"{path} has no array of numbers: save time, angles and torques as arrays")
     length = Counter(map(len, arrays.values())).most_common(1)[0][0]
-    chosen = {title: column for title, column in arrays.items() if len(column) == length}
+    # Torques may have one row less than the states between which they act.
+    chosen = {title: column for title, column in arrays.items() if abs(len(column) - length) <= 1}
     # Integers stay integers: a float would lose digits of a time in nanoseconds.
-    rows = map(list, zip(*(column.tolist() for column in chosen.values()), strict=True))
+    columns = (column.tolist() for column in chosen.values())
+    rows = map(list, itertools.zip_longest(*columns, fillvalue=""))
     return Cells(list(chosen), list(enumerate(rows, start=1)))
 
 
-def _read_numpy(stream: io.BytesIO) -> Any:
+def _read_numpy(path: str | Path, stream: io.BytesIO) -> Any:
     if zipfile.is_zipfile(stream):
         _bound(sum(each.file_size for each in zipfile.ZipFile(stream).infolist()))
     stream.seek(0)
-    found = np.load(stream, allow_pickle=False)
-    return {name: found[name] for name in found.files} if hasattr(found, "files") else found
+    try:
+        found = np.load(stream, allow_pickle=False)
+        return {name: found[name] for name in found.files} if hasattr(found, "files") else found
+    except ValueError as error:
+        if "allow_pickle" not in str(error):
+            raise
+        raise SwingupError(f"{path} has Python's objects, which are not read: save arrays of numbers") from error
 
 
 def _bound(size: int) -> None:
@@ -176,17 +210,30 @@ def _bound(size: int) -> None:
         raise SwingupError(f"an array file with {size / 1e6:.0f} MB: it is another kind of file")
 
 
-def _columns(title: str, found: Any) -> Iterator[tuple[str, np.ndarray]]:
+def _named(columns: list[tuple[tuple[str, ...], np.ndarray]]) -> dict[str, np.ndarray]:
+    """Columns by the last of their names, with as many of those before as tell them apart: q1, or meas.q1."""
+    names = [""] * len(columns)
+    for depth in range(1, 1 + max((len(path) for path, _ in columns), default=0)):
+        counts = Counter(names)
+        names = [
+            ".".join(path[-depth:]) if counts[name] > 1 or depth == 1 else name
+            for name, (path, _) in zip(names, columns, strict=True)
+        ]
+    return dict(zip(names, (column for _, column in columns), strict=True))
+
+
+def _columns(path: tuple[str, ...], found: Any) -> Iterator[tuple[tuple[str, ...], np.ndarray]]:
     """Columns of arrays and of structures of arrays; those of a matrix are numbered from 1."""
     if isinstance(found, dict):
         for name, each in found.items():
-            yield from _columns(str(name), each)
+            yield from _columns((*path, str(name)), each)
         return
     array = np.asarray(found)
     if array.dtype.names:
-        yield from _columns(title, {name: array[name] for name in array.dtype.names})
+        yield from _columns(path, {name: array[name] for name in array.dtype.names})
     elif array.dtype.kind in "fiu" and array.size > 1 and array.ndim in (1, 2):
         table = np.atleast_2d(array)
         table = table.T if table.shape[0] < table.shape[1] else table
+        *within, title = path or ("",)
         for place, column in enumerate(table.T, start=1):
-            yield (title if table.shape[1] == 1 else f"{title}{place}"), column
+            yield (*within, title if table.shape[1] == 1 else f"{title}{place}"), column

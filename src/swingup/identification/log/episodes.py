@@ -58,8 +58,9 @@ def continued(angles: Float[np.ndarray, "rows 2"]) -> tuple[Float[np.ndarray, "r
     for turn in TURNS:
         wraps = (reach <= turn * (1 + 1e-6)) & (reach > FILLED_SHARE * turn) & (steps > FILLED_SHARE * turn)
         if np.any(wraps):
-            # The other joint wraps at the same angle, where it does.
-            return np.where(reach <= turn * (1 + 1e-6), np.unwrap(angles, period=turn, axis=0), angles), turn
+            # The other joint wraps at the same angle, where it does; a difference of two such angles jumps as well.
+            also = (reach <= turn * (1 + 1e-6)) | (steps > FILLED_SHARE * turn)
+            return np.where(also, np.unwrap(angles, period=turn, axis=0), angles), turn
     return angles, None
 
 

@@ -100,7 +100,9 @@ def find_warnings(
         peak = float(np.abs(u[:, joint]).max())
         # A torque that stands at its limit excites nothing while it stands.
         share = float(np.mean(np.abs(u[:, joint]) > 0.995 * peak)) if peak > 0 else 0.0
-        if share > SATURATED_SHARE:
+        if peak > 0 and np.ptp(u[:, joint]) == 0:
+            found.append(f"torque {joint + 1} is {u[0, joint]:.3g} N m in every row: check its column")
+        elif share > SATURATED_SHARE:
             found.append(f"torque {joint + 1} stands at ±{peak:.3g} N m in {share:.0%} of the rows: saturated")
         if measured is not None and peak > 0:
             delivered = float(np.abs(measured[:, joint]).max())

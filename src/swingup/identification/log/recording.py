@@ -44,6 +44,9 @@ DIFFERENCES = 1e-3
 MOST_FAULTS = 0.05
 """Largest share of rows whose time does not increase."""
 
+LEAST_LACKING = 0.005
+"""Share of rows without a torque from which it is worth a note."""
+
 REPEAT_MOTION = 0.25
 """Motion between two rows, in steps of an encoder, with which they should differ: of four such rows one does."""
 
@@ -135,7 +138,10 @@ def read_recording(
     dq = _differences(time, q) if dq is None else dq
     # Measured torques stand in for commands that a log lacks.
     commanded = commands is not None and "tau_meas1" not in _names(values, _COMMANDS)
-    u = np.zeros_like(q) if commands is None else np.nan_to_num(commands)
+    u = np.zeros_like(q)
+    if commands is not None:
+        u, lacking = _held(time, commands)
+        notes += lacking
     if commanded and (pushes := _first(values, _PUSHES)) is not None:
         u = u + np.nan_to_num(pushes[kept])
     if torque_limits is not None:
@@ -199,6 +205,15 @@ def _clean(name: str, table: Table) -> tuple[np.ndarray, np.ndarray, list[str]]:
     period = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
     longest = longest_step(period) if period < SLOWEST_PERIOD else 20 * period
     keep, clock, restarts, spread = one_clock(time, longest, 2 * longest)
+    if np.count_nonzero(~keep) > MOST_FAULTS * len(time):
+        cells = np.nan_to_num(np.column_stack(list(table.values.values()))[rows])
+        twice = np.append(False, np.all(np.diff(cells, axis=0) == 0, axis=1))
+        notes += [f"{np.count_nonzero(twice)} rows repeat the one before and its time: they are left out"] * any(
+            twice
+        )
+        rows, time = rows[~twice], time[~twice]
+        keep, clock, restarts, spread = one_clock(time, longest, 2 * longest)
+        steps = np.diff(time)
     faults = int(np.count_nonzero(~keep))
     if faults > MOST_FAULTS * len(time):
         worst = int(np.flatnonzero(steps <= 0)[0])
@@ -213,6 +228,18 @@ def _clean(name: str, table: Table) -> tuple[np.ndarray, np.ndarray, list[str]]:
     if faults:
         notes.append(f"{faults} rows repeat the time before, or come late: they are left out")
     return rows[keep], clock, notes
+
+
+def _held(time: np.ndarray, torques: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Torques of which some are missing: the last one holds, but not across a gap, where it is 0; and a note."""
+    longest = longest_step(float(np.median(np.diff(time))))
+    known = np.isfinite(torques)
+    last = np.maximum.accumulate(np.where(known, np.arange(len(time))[:, None], -1), axis=0)
+    recent = (last >= 0) & (time[:, None] - time[last] <= longest)
+    # A joint without any torque has no motor.
+    lacking = float(np.mean(~known[:, known.any(axis=0)].all(axis=1)))
+    note = f"torques are missing in {lacking:.0%} of the rows: the last one holds for at most {longest:.2g} s"
+    return np.where(recent, np.take_along_axis(torques, last, axis=0), 0.0), [note] * (lacking > LEAST_LACKING)
 
 
 def sensors(recordings: Sequence[Recording]) -> dict[str, float | str]:
