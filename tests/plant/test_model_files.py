@@ -200,6 +200,9 @@ def test_facts_of_an_mjcf(tmp_path):
     found = read_model(write(tmp_path, servo))
     assert found.facts["tl2"] == 6.0
     assert any("only the force range" in note for note in found.notes)
+    second = '<motor name="other" joint="shoulder" gear="7" ctrlrange="-1 1"/></actuator>'
+    found = read_model(write(tmp_path, mjcf().replace("</actuator>", second)))
+    assert any("3 of 'elbow', 7 of 'shoulder'" in note for note in found.notes)
 
 
 WRONG = {
@@ -225,6 +228,10 @@ WRONG = {
     "<inertial> of 'upper' has no inertia": mjcf('<inertial pos="0 0 -.1" mass="1"/>'),
     "is not read": '<mujoco><include file="robot.xml"/></mujoco>',
     "it does not say l2: swingup plant": urdf(),
+    "it does not say l2, tl1, tl2": urdf()
+    .replace('effort="2"', 'effort="0"')
+    .replace('<axis xyz="0 1 0"/></joint>', '<axis xyz="0 1 0"/><limit effort="0"/></joint>')
+    .replace("transmission", "gazebo"),
     "'slider' is 'slide'": mjcf('<joint name="slider" type="slide"/>'),
     "has 2 joints": mjcf('<joint name="swivel"/><geom size=".1" pos="0 0 -.1"/>'),
     "'elbow' has a spring": mjcf().replace('damping="0.1"', 'stiffness="2"'),
@@ -241,6 +248,7 @@ WRONG = {
     "both ways": mjcf().replace('ctrlrange="-2 2"', 'ctrlrange="0 2"'),
     "eulerseq = 'abc'": mjcf(head='<compiler eulerseq="abc"/>').replace('pos="0 0', 'euler="1 2 3" pos="0 0'),
     "it does not say tl1, tl2": mjcf().replace("actuator>", "sensor>"),
+    "motor acts on joint 'ellbow'": mjcf().replace('joint="elbow"', 'joint="ellbow"'),
 }
 
 

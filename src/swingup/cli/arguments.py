@@ -1,5 +1,6 @@
 """Arguments that several commands share."""
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypedDict
@@ -9,7 +10,9 @@ from tyro.conf import arg
 from ..common.checks import one_of
 from ..common.errors import SwingupError
 from ..common.files import check_suffix, check_writable
-from ..plant.plant import LEADERBOARD, PLANT_FILES, SHIPPED_PLANTS, Plant, load_plant
+from ..common.text import one_line
+from ..plant.model_files.files import read_model
+from ..plant.plant import LEADERBOARD, PLANT_FILES, SHIPPED_PLANTS, Plant, is_model_file, load_plant
 from ..plant.robots import Robot, get_robot
 from .parsing import value_of
 
@@ -57,6 +60,10 @@ def plant_of(options: PlantOptions) -> Plant:
             raise SwingupError("--frictionless needs --plant: the leaderboards' plant has no friction")
         return LEADERBOARD
     found = load_plant(options["plant"])
+    if is_model_file(options["plant"]):
+        for note in read_model(options["plant"]).notes:
+            if note.startswith(("not ", "left out")):
+                print(f"swingup: {one_line(options['plant'])}: {note}", file=sys.stderr)
     return found.frictionless() if options.get("frictionless") else found
 
 

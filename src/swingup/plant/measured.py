@@ -27,6 +27,9 @@ USUAL_VALUES = {"Ir": 0.0, "gr": 1.0, "b1": 0.0, "b2": 0.0, "cf1": 0.0, "cf2": 0
 
 MOTORS = ("tl1", "tl2")
 
+HUGE = {"l": (10.0, "m", "mm"), "m": (100.0, "kg", "g"), "I": (1000.0, "kg m²", "kg mm² or g mm²")}
+"""Sizes beyond which a number looks like another unit's."""
+
 
 class MeasuredPlant(NamedTuple):
     """A plant, and what was assumed or left out."""
@@ -122,6 +125,10 @@ def _complete_link(facts: dict[str, float], link: int, given: Mapping[str, float
 def _check(plant: Plant, given: Mapping[str, float]) -> list[str]:
     """Check I ≥ m r², which fitted plants may break and given values may not, and tell the times of swings."""
     notes = []
+    for name in ("l1", "l2", "m1", "m2", "I1", "I2"):
+        most, unit, smaller = HUGE[name[0]]
+        if getattr(plant, name) > most:
+            notes.append(f"{name} = {getattr(plant, name):g} {unit} is huge: is it in {smaller}?")
     for link in (1, 2):
         inertia, point = getattr(plant, f"I{link}"), getattr(plant, f"m{link}") * getattr(plant, f"r{link}") ** 2
         if inertia < point * (1 - 1e-9):

@@ -6,7 +6,7 @@ along the axes have no effect.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, TypeAlias
 
@@ -176,6 +176,22 @@ def double_pendulum(
     return Model({name: float(value) for name, value in facts.items()}, notes, angles)
 
 
+def check_driven(driven: Iterable[str], joints: Iterable[str]) -> None:
+    """Refuse motors of joints that the file does not have."""
+    if lost := sorted({*driven} - {*joints}):
+        raise SwingupError(
+            f"a motor acts on joint {quoted(lost[0])}, which the file does not have: correct its name"
+        )
+
+
+def one_gear(gears: Mapping[str, float], notes: list[str]) -> float:
+    """The gear ratio that the driven joints have, 1 without any; the last one, and a note, where they differ."""
+    if len({*gears.values()}) > 1:
+        told = ", ".join(f"{gear:g} of {quoted(joint)}" for joint, gear in gears.items())
+        notes.append(f"gear ratios differ ({told}), and a plant has one: the last, unless --set gr=VALUE")
+    return [1.0, *gears.values()][-1]
+
+
 def _links(bodies: Sequence[Body]) -> tuple[_Link, _Link]:
     """The two links, refused where they are not two that hang on one another."""
     places: list[Frame] = []
@@ -237,6 +253,8 @@ def _about_joint(links: Sequence[_Link], inertia: str | None, asked: bool, notes
     # Where m r² is nothing, both readings agree.
     unclear = any(own > EITHER_SHARE * point > 1e-6 * own for _, own, point in readings)
     shown = " and ".join(f"{own:.4g} kg m² of {name}" for name, own, _ in readings)
+    if inertia == "joint" and not readings:
+        notes.append("--inertia joint changes nothing: no link that a joint carries states its inertia itself")
     if inertia is None and unclear and asked:
         raise SwingupError(
             f"the inertias, {shown}, may be about the centres of mass, as the format has them, or about the "

@@ -15,7 +15,7 @@ import numpy as np
 from ...common.errors import SwingupError
 from ...common.text import one_line, quoted
 from ...common.xml_tree import Attributes
-from .bodies import Body, Hinge, Model, Part, double_pendulum
+from .bodies import Body, Hinge, Model, Part, check_driven, double_pendulum, one_gear
 from .frames import TURNS, Frame, mjcf_rotation, turn_onto, unit
 from .shapes import SIZES, ends, inertia, volume
 
@@ -93,6 +93,7 @@ def read_mjcf(root: Element, about: str | None, gear: float | None) -> Model:
     found_gear = _read_motors(root, reading)
     for world in root.findall("worldbody"):
         _walk(world, None, Frame(), MAIN, reading)
+    check_driven(reading.limits, (body.hinge.name for body in reading.bodies if body.hinge))
     if reading.collides and reading.has("contact", "constraint"):
         reading.notes.append("left out: contacts of the links")
     gravity = reading.option.numbers("gravity", (0, 0, -9.81)) * reading.has("gravity")
@@ -154,7 +155,7 @@ def _defaults(root: Element) -> dict[str, dict[str, dict[str, str]]]:
 
 def _read_motors(root: Element, reading: _Reading) -> float:
     """Put the motors' torque limits into the reading; returns their gear ratio, 1 without any."""
-    ratio = 1.0
+    ratios = {}
     for element in root.iterfind("actuator/*"):
         given = reading.attributes(element, MAIN, ACTUATOR)
         name, joint = quoted(element.get("name", "")), given.text("joint", given.text("jointinparent"))
@@ -173,12 +174,12 @@ def _read_motors(root: Element, reading: _Reading) -> float:
         # MuJoCo has ten parameters, of which the first is 1 by default; so it is with the gear.
         gain = float(given.numbers("gainprm", np.eye(1, 10)[0], 1)[0]) if element.tag == "general" else 1.0
         # The sign of a gear says which way the motor turns, which a symmetric limit does not show.
-        ratio = abs(float(given.numbers("gear", np.eye(1, 6)[0], 1)[0])) or 1.0
+        ratio = ratios[joint] = abs(float(given.numbers("gear", np.eye(1, 6)[0], 1)[0])) or 1.0
         most = _end_of(given, "force", reading)
         most = min(most, abs(gain) * _end_of(given, "ctrl", reading)) if plain else most
         # Several motors may act on a joint: their torques add.
         reading.limits[joint] = reading.limits.get(joint, 0.0) + ratio * most
-    return ratio
+    return one_gear(ratios, reading.notes)
 
 
 def _end_of(given: Attributes, kind: str, reading: _Reading) -> float:

@@ -5,6 +5,7 @@ as a plant's cf, as RealAIGym's files mean it.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from ...common.errors import SwingupError
 from ...common.text import quoted
 from ...common.xml_tree import Attributes, attributes_of
-from .bodies import Body, Hinge, Model, Part, double_pendulum
+from .bodies import Body, Hinge, Model, Part, check_driven, double_pendulum, one_gear
 from .frames import Frame, rpy_frame, unit
 from .shapes import SIZES, ends
 
@@ -42,9 +43,10 @@ def read_urdf(root: Element, inertia: str | None, gear: float | None) -> Model:
             raise SwingupError(f"joint {quoted(name)} closes a loop: {quoted(child)} hangs on two joints")
         carried[child] = each
     order = _order(carried, links)
-    found_gear, driven = _transmissions(root)
+    gears, driven = _transmissions(root)
+    check_driven(driven, joints)
     notes = [f"not read: <{tag}>" for tag in dict.fromkeys(each.tag for each in root) if tag not in KNOWN_ELEMENTS]
-    bodies = []
+    found_gear, bodies = one_gear(gears, notes), []
     for name in order:
         joint = carried.get(name)
         hinge = None if joint is None else _hinge(joint, driven, notes)
@@ -58,6 +60,10 @@ def read_urdf(root: Element, inertia: str | None, gear: float | None) -> Model:
         given = attributes_of(element)
         if given.text("link") in order:
             bodies[order.index(given.text("link"))].marks.append((given.text("name"), rpy_frame(given).origin))
+    hinges = [body.hinge for body in bodies if body.hinge]
+    if not driven and hinges and all(hinge.limit == 0.0 for hinge in hinges):
+        notes.append("not read: efforts of 0, as exporters write them")
+        bodies = [replace(body, hinge=body.hinge and replace(body.hinge, limit=None)) for body in bodies]
     own = _child(root, OUR_ELEMENT)
     gravity = np.array([0.0, 0.0, -own.number("gravity", GRAVITY)])
     about = inertia or own.text("inertia") or None
@@ -129,9 +135,9 @@ def _hinge(joint: Element, driven: Mapping[str, float], notes: list[str]) -> Hin
     return Hinge(name, direction, np.zeros(3), damping, friction, driven.get(name, 0.0), effort)
 
 
-def _transmissions(root: Element) -> tuple[float, dict[str, float]]:
-    """The gear ratio, and what the rotor of each driven joint's motor adds to its inertia (kg m²)."""
-    gear, driven = 1.0, {}
+def _transmissions(root: Element) -> tuple[dict[str, float], dict[str, float]]:
+    """The gear ratio of each driven joint, and what its motor's rotor adds to its inertia (kg m²)."""
+    gears, driven = dict[str, float](), dict[str, float]()
     for element in root.findall("transmission"):
         joint, numbers = element.find("joint"), {}
         for tag in ("mechanicalReduction", "drake:gear_ratio", "drake:rotor_inertia"):
@@ -139,10 +145,11 @@ def _transmissions(root: Element) -> tuple[float, dict[str, float]]:
                 text = each.get("value", (each.text or "").strip())
                 numbers[tag] = Attributes({"value": text}, f"<{tag}>").number("value", 1.0)
         # Its sign says which way the motor turns, which a symmetric limit does not show.
-        gear = abs(numbers.get("drake:gear_ratio", numbers.get("mechanicalReduction", gear))) or 1.0
+        gear = abs(numbers.get("drake:gear_ratio", numbers.get("mechanicalReduction", 1.0))) or 1.0
         if joint is not None:
-            driven[joint.get("name", "")] = gear**2 * numbers.get("drake:rotor_inertia", 0.0)
-    return gear, driven
+            name = joint.get("name", "")
+            gears[name], driven[name] = gear, gear**2 * numbers.get("drake:rotor_inertia", 0.0)
+    return gears, driven
 
 
 def _parts(link: Element) -> list[Part]:
