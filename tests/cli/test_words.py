@@ -67,6 +67,13 @@ NONSENSE = [
     ("sweep --env CartPole-v1 --trials 3", "what varies"),
     *((f"sweep acrobot --trials 3 --set {words}", named) for words, named in TRIALS.items()),
     ("refine acrobot --recipe magic --out x", "'magic': use one of recover, adapt"),
+    ("refine acrobot --out x.txt", "x.txt: its name must end in .safetensors"),
+    ("refine acrobot --seeds 5 --out x.safetensors", "--seeds is for --recipe adapt"),
+    (
+        "refine acrobot --recipe adapt --frames 0 --out x.safetensors",
+        "frames = 0: use a whole number of at least 1",
+    ),
+    ("refine acrobot --recipe adapt --policy adaptive --plant C.0 --out x.safetensors", "sees its plant already"),
     ("export lqr --robot acrobot --to trajectory --out x", "follows a swing-up 'lqr': use one of tvlqr"),
     ("export --robot acrobot --to c --out x --seed 3", "--seed goes with --to trajectory"),
     # Files.

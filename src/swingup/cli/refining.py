@@ -10,9 +10,10 @@ from tyro.conf import arg
 
 from ..benchmark.judge import judge
 from ..benchmark.result import Result
-from ..common.checks import check_seeds
+from ..common.arrays import SUFFIX
+from ..common.checks import check_seeds, whole_number
 from ..common.errors import SwingupError
-from ..common.files import check_writable, write_atomically, write_map
+from ..common.files import write_atomically, write_map
 from ..common.text import command_line, duration
 from ..common.version import __version__
 from ..controllers.registry import get_controller
@@ -66,7 +67,7 @@ def refine_command(
     domain: DomainName | None = None,
     frames: int | None = None,
     seed: int = 0,
-    seeds: int = 100,
+    seeds: int | None = None,
     page: FileName | None = None,
 ) -> int:
     """Refine a trained policy by gradients through the simulation or by teachers, in minutes to an hour.
@@ -88,13 +89,17 @@ def refine_command(
             recorded.
         frames: for adapt: frames that the policy to start from is trained for.
         seed: seed of all random numbers.
-        seeds: for adapt: draws that are judged.
+        seeds: for adapt: draws that are judged; default 100.
         page: for adapt: also write a page (.html) of training and judged draws.
     """
     check_seeds(seed, 1)
-    check_seeds(SEED, seeds)
-    check_writable(out)
+    check_outputs([SUFFIX], out)
     check_outputs(PAGE_FORMATS, page)
+    for name, value in {"frames": frames, "seeds": seeds, "page": page}.items():
+        if recipe != ADAPT and value is not None:
+            raise SwingupError(f"--{name} is for --recipe {ADAPT}: leave it out")
+    frames = None if frames is None else whole_number("frames", frames, 1)
+    seeds = len(check_seeds(SEED, 100 if seeds is None else seeds))
     policy = AR_EAPO if policy is None and recipe != ADAPT else policy
     options: dict[str, Any] = {"policy": policy, "recipe": recipe, "domain": domain, "seed": seed}
     command = command_line("refine", robot.name, **options, out=Path(out).name, **plant)
@@ -107,6 +112,8 @@ def refine_command(
         _refine(given, out, recipe, seed, command, plant=on, domain=drawn)
         tell(f"wrote {out}: judge it with {command_line('evaluate', robot.name, controller=out, **plant)}")
         return 0
+    if policy is not None and policy_alone(load_policy(policy, robot)).policy.sees_plant:
+        raise SwingupError(f"{policy} sees its plant already: leave --policy out, or use --recipe {RECOVER}")
     begun, (around, file) = time.monotonic(), adapted_domain(plant, domain, out)
     shipped = shipped_for(around, robot) if policy is None else None
     best, kept = b"", -1

@@ -159,7 +159,7 @@ def run_recipe(
     kinds = {type(stage) for stage in stages}
     if controller.policy.sees_plant and GradientStage in kinds:
         raise SwingupError(
-            "the policy sees its plant, and gradient steps on a single one would blind it: take RECOVER_ON_MANY"
+            "the policy sees its plant, and gradient steps on a single one would blind it: take the recipe recover"
         )
     sees = DistillationSettings in kinds
     if sees and plant != LEADERBOARD:
