@@ -76,8 +76,8 @@ def export_command(
             or a broken measurement. Turn it off for simulations. An onnx graph has none.
         velocity_limit: of both joints (rad/s), beyond which the guard stops the controller; by default the policy
             file's, or 20, and 50 for cloudpendulum.
-        braking: damping (N m s/rad) with which the guard brakes the driven joint of a stopped controller, where the
-            measurement is sound; by default the policy file's, or none.
+        braking: damping (N m s/rad) with which the guard brakes both joints of a stopped controller, each within
+            its torque limit, where the measurement is sound; by default the policy file's, or none.
         plant: what adaptive begins with, in that plant's units, where that is within what it was taught; or what a
             trajectory swings up: for another plant than the leaderboards' it is computed, in minutes.
         seed: compute the trajectory, shipped or not, from first torques of this seed.

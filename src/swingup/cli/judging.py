@@ -92,8 +92,8 @@ def evaluate_command(
             one.
         estimator: whether a state estimator stands before the controller.
         plant: what is simulated, and baselines are designed for; disturbances are in its own units.
-        domain: plants and loops of the boards on simulated robots: identified, randomised, recorded, cells, a
-            session of the robot, as session-acrobot, or a YAML file.
+        domain: plants and loops of the boards on simulated robots: identified, randomised, recorded, imperfect,
+            cells, a session of the robot, as session-acrobot, or a YAML file.
         seed: first seed of noise, pushes, throws, plants and loops.
         seeds: seeds in a row; with two or more there are 95 % intervals; by default as many as a board has.
         criteria: for robustness, some of model, velocity_noise, torque_noise, torque_response, delay and
