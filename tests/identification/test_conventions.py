@@ -291,5 +291,6 @@ def test_rows_that_others_record(tmp_path, table, name):
     assert said in " ".join(recording.warnings)
     assert bool(said) == bool(recording.warnings)
     assert np.all(np.diff(recording.time) > 0)
+    assert np.isfinite(recording.dq).all()
     assert recording.time[0] == 0.0
     assert recording.duration == pytest.approx(table[-1, 0] - table[0, 0], rel=0.6)

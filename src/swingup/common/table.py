@@ -27,8 +27,8 @@ MINIMUM_ROWS = 3
 """The swing-up time looks at the rows between the first and the last."""
 EPOCH = 1e6
 """A time beyond this (in its unit) counts from another day: the clock then starts at 0."""
-LEAST_TIMES = 50
-"""Different times that show the rate of rows: with whole seconds in a log of three it may be off by a tenth."""
+LEAST_TIMES = 20
+"""Steps of a rounded time that show the rate of rows: after n of them it may be off by 1/n²."""
 LEAST_SHARE = 0.2
 """Share of rows that repeat a time from which times are rounded; fewer are faults."""
 

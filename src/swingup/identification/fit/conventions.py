@@ -345,7 +345,7 @@ def _velocity_relations(
     Both have noise, so that a factor is the ratio of their spreads, signed.
     """
     slopes = slopes_of(recording.time[recording.fresh], recording.q[recording.fresh]) @ angles.T
-    recorded = np.nan_to_num(recording.dq[recording.fresh]) @ velocities.T
+    recorded = recording.dq[recording.fresh] @ velocities.T
     inner = np.sum(slopes * recorded, axis=0)
     sizes, others = np.linalg.norm(slopes, axis=0), np.maximum(np.linalg.norm(recorded, axis=0), 1e-12)
     return inner / np.maximum(sizes * others, 1e-12), np.where(inner < 0, -1.0, 1.0) * sizes / others

@@ -135,7 +135,8 @@ def read_recording(
     notes += found
     time, q, fresh = time[kept], q[kept], fresh[kept]
     dq, commands, measured = (None if each is None else each[kept] for each in (dq, commands, measured))
-    dq = _differences(time, q) if dq is None else dq
+    slopes = _differences(time, q)
+    dq = slopes if dq is None else np.where(np.isfinite(dq), dq, slopes)
     # Measured torques stand in for commands that a log lacks.
     commanded = commands is not None and "tau_meas1" not in _names(values, _COMMANDS)
     u = np.zeros_like(q)
