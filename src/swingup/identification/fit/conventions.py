@@ -94,6 +94,8 @@ CONVENTIONS = (
     Convention("torque", "the torques look swapped, and that of joint 2 reversed", torques=_TURN2 @ _SWAP),
     Convention("torque", "the torques look swapped and reversed", torques=-_SWAP),
     Convention("unit", "the angles look like degrees", DEGREE * _SAME),
+    Convention("unit", "the angle of joint 1 looks like degrees", np.diag([DEGREE, 1.0])),
+    Convention("unit", "the angle of joint 2 looks like degrees", np.diag([1.0, DEGREE])),
     Convention("unit", "the angles look like turns", TURN * _SAME),
     *(
         Convention("unit of torque", f"the {torques} like", torques=np.diag(np.where(joints, size, 1.0)))
