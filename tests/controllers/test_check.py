@@ -178,7 +178,7 @@ IN_JAX = {
     "its arguments are x, t, and a controller is called with (memory, t, x): swap them": Swapped(),
     "up to 609.8 N m on the driven joint 2": Jax("strong"),
     "memory changes shape or dtype": Jax("memory"),
-    "tracing it raised RuntimeError: no": Jax("raising"),
+    "tracing it raised RuntimeError (no)": Jax("raising"),
     "running it raised JaxRuntimeError (ValueError: host failed): correct it there": Jax("callback"),
     "not finite for x = [0.0, 0.0, 0.0, 0.0]": Jax("nan"),
     "shape (3,)": Jax("shape"),

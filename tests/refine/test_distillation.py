@@ -11,6 +11,7 @@ import pytest
 from policies import lone_policy, new_actor
 from swingup.benchmark.boards import ROBUSTNESS
 from swingup.benchmark.robustness_board import make_cases
+from swingup.benchmark.rules import MODEL_SWEEPS
 from swingup.controllers.baselines.continuation import ContinuationSettings, nominal_swingups
 from swingup.controllers.stack.controller import PolicyController, policy_alone
 from swingup.controllers.stack.policy import Policy
@@ -29,7 +30,7 @@ from swingup.refine.analytic_policy_gradient import single_precision
 from swingup.refine.dataset import STILL, Dataset, _hanging_still
 from swingup.refine.distillation import _behind_one_gear, _joined, distil, new_student, recover
 from swingup.refine.distillation_settings import DistillationSettings, RecoverySettings, plant_scale
-from swingup.refine.plant_draws import SWEEPS, PlantDraws, draw_plants, plants_of
+from swingup.refine.plant_draws import PlantDraws, draw_plants, plants_of
 from swingup.refine.recipe import RECOVER_ON_MANY, wrapped_policy
 from swingup.refine.recoveries import PASSING, Recoveries, make_recoveries, make_regulators, recovery_cost
 from swingup.refine.teacher import APART, TOP_COST, School, make_school, make_teachers, matched_torque, top_cost
@@ -67,7 +68,7 @@ def test_plants_are_drawn_about_the_leaderboards(robot):
     assert len(drawn) == 100
     passive = {"acrobot": "1", "pendubot": "2"}[robot.name]
     assert all(len(changes(plant, robot)) == 1 for plant in drawn[:40])
-    assert len(set.union(*(changes(plant, robot) for plant in drawn[:40]))) == len(SWEEPS)
+    assert len(set.union(*(changes(plant, robot) for plant in drawn[:40]))) == len(MODEL_SWEEPS)
     assert all(len(changes(plant, robot)) == 10 for plant in drawn[40:50])
     assert all(getattr(plant, f"cf{passive}") > 0 for index, plant in enumerate(drawn[50:70]) if index % 3 < 2)
     assert all(getattr(plant, f"b{passive}") > 0 for plant in drawn[52:70:3])
@@ -225,7 +226,7 @@ def test_a_new_student_sees_the_plant_in_units_of_its_ranges():
     student = new_student([School(a_teacher(ACROBOT)[0], small())], FEW, np.random.default_rng(0))
     assert student.policy.sees_plant
     nominal = LEADERBOARD.driven(ACROBOT)
-    for sweep in SWEEPS.values():
+    for sweep in MODEL_SWEEPS.values():
         value = sweep.sweep.high * (getattr(nominal, sweep.parameter) if sweep.relative else 1.0)
         moved = base_parameters(dataclasses.replace(nominal, **{sweep.parameter: value}))
         assert 0.1 < np.abs((moved - base_parameters(nominal)) / plant_scale(base_parameters(nominal))).max() < 3.0

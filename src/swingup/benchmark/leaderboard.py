@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import resources
@@ -18,6 +18,7 @@ from ..policy.shipped import ADAPTIVE, AR_EAPO, GLOBAL
 from .board import AbstractBoard, Setting
 from .boards import BOARDS, PERFORMANCE, get_board
 from .judge import judge, make_setting
+from .runner import StageProgress
 from .uptime_board import UptimeBoard
 
 OURS = "ours"
@@ -36,9 +37,6 @@ DEFAULT_BOARDS = ("performance", "robustness")
 """The boards of IROS 2024 in simulation, which the paper has."""
 SHIPPED_ROBUSTNESS = ("ilqr-mpc",)
 """Controllers whose robustness takes many minutes: the package ships the output of the command."""
-
-RowProgress = Callable[[str, int, int], None]
-"""Called with the row that is being computed, the number of its finished simulations, and of all."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +82,7 @@ def leaderboard(
     seed: int = 0,
     recompute: bool = False,
     entrants: Sequence[str] | None = None,
-    progress: RowProgress | None = None,
+    progress: StageProgress | None = None,
     plant: PlantLike = LEADERBOARD,
 ) -> list[Table]:
     """The tables of some boards, with our rows computed now.
@@ -186,7 +184,7 @@ def shipped_robustness(robot: Robot, name: str) -> Row:
 
 
 def _row(
-    board: AbstractBoard, setting: Setting, seed: int, name: str, controller: Any, progress: RowProgress
+    board: AbstractBoard, setting: Setting, seed: int, name: str, controller: Any, progress: StageProgress
 ) -> Row:
     tell = partial(progress, f"{name}, {board.name}")
     # Told at once: compilation comes before the first finished simulation.

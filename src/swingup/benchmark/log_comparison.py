@@ -10,6 +10,7 @@ import numpy as np
 
 from ..common.errors import SwingupError
 from ..controllers.registry import designs_for, get_controller
+from ..dynamics.angles import wrap_difference
 from ..identification.fit.conventions import check_columns
 from ..identification.fit.prediction import integration_of, vector_of
 from ..identification.log.recording import Recording, read_recording
@@ -20,6 +21,7 @@ from ..loop.on_plant import loop_around
 from ..plant.robots import Robot, get_robot
 from .boards import HARDWARE
 from .judge import judge, score
+from .plausibility import HANGING
 from .recording import driven_robot
 from .result import Result
 from .rollout import Trajectory
@@ -30,8 +32,6 @@ DRAWN_LENGTH = 0.5
 """Length of the predictions that are drawn (s)."""
 LONGEST_RUN = 120.0
 """Longest simulated run (s)."""
-HANGING = 0.2
-"""Largest angle (rad) of a start that counts as hanging."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Comparison:
         found = list(self.recording.warnings)
         if not self.predictions[0].horizons["0.1"].windows:
             found.append("no window of 0.5 s has a joint faster than 1 rad/s: there are no errors to report")
-        if self.runs and np.abs(self.recording.q[0]).max() >= HANGING:
+        if self.runs and np.abs(wrap_difference(self.recording.q[0])).max() > HANGING[0]:
             found.append("the simulated run begins hanging at rest, the log does not")
         return found
 

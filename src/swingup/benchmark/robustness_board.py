@@ -9,7 +9,7 @@ import numpy as np
 
 from ..common.checks import MOST_SEEDS, one_of
 from ..common.errors import SwingupError
-from ..dynamics.angles import UPRIGHT, wrap_difference
+from ..dynamics.angles import upright_error
 from ..dynamics.integrate import stable_substeps
 from ..loop.disturbance import Disturbance, undisturbed
 from ..plant.plant import LEADERBOARD, Plant, validated
@@ -100,9 +100,7 @@ class RobustnessBoard(AbstractBoard):
 
 def upright(final: np.ndarray, tolerance: Sequence[float]) -> np.ndarray:
     """Whether states (n, 4) are strictly within the tolerance of upright at rest, angles wrapped about it."""
-    error = np.asarray(final, np.float64) - UPRIGHT
-    error[:, :2] = wrap_difference(error[:, :2])
-    return np.all(np.abs(error) < np.asarray(tolerance), axis=1)
+    return np.all(np.abs(upright_error(final)) < np.asarray(tolerance), axis=1)
 
 
 def _percentages(runs: Sequence[Run], seed: int) -> dict[str, float]:

@@ -45,6 +45,9 @@ TreeT = TypeVar("TreeT")
 Progress: TypeAlias = Callable[[int, int], None]
 """Called with the number of finished simulations, and of all."""
 
+StageProgress: TypeAlias = Callable[[str, int, int], None]
+"""Called with what is computed, as a table's row, how much of it is done, and of how much."""
+
 SIDE_BY_SIDE = 64
 """Copies of a controller in plain Python that exist at a time."""
 SMALLEST_BATCH = 32

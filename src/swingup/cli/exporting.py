@@ -21,7 +21,7 @@ from ..export.folder import FORMS as FOLDERS
 from ..export.folder import NAME, cloudpendulum_guard, cloudpendulum_notes, export_folder
 from ..export.onnx_backend.graph import onnx_model
 from ..plant.robots import Robot
-from ..policy.guard.settings import GUARD, GuardSettings, choose_guard
+from ..policy.guard.settings import GuardSettings, choose_guard
 from ..policy.pendulum import PendulumPolicy
 from ..policy.plant_facts import write_plant
 from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_policy
@@ -102,7 +102,7 @@ def export_command(
     write_atomically(out, onnx_model(found) if to == "onnx" else c_header(found, name).encode())
     tell(out)
     if to == "onnx":
-        left_out = [part for part in found.parts if part != GUARD]
+        left_out = [part for part in found.parts if part != GuardSettings.PART]
         missing = f"{', '.join(left_out)} and a safety guard" if left_out else "a safety guard"
         tell(f"this is the network for the plant {found.plant.name} alone, without {missing}")
 

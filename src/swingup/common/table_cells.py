@@ -51,14 +51,15 @@ class Cells:
         What brackets alone tell apart, as in "Position (elbow)", belongs to the name.
         """
         short = [UNIT.split(title, maxsplit=1)[0].rstrip() for title in self.titles]
-        return [title if short.count(name) > 1 else name for title, name in zip(self.titles, short, strict=True)]
+        return [
+            title if short.count(name) > 1 and not is_unit(_bracket(title)) else name
+            for title, name in zip(self.titles, short, strict=True)
+        ]
 
     def unit(self, title: str) -> str:
         """The unit in a column's title; empty without one."""
         place = self.place(title)
-        bracket = UNIT.search(self.titles[place])
-        plain = bracket is None or (self.names[place] == self.titles[place] and not is_unit(bracket[1]))
-        return "" if plain else bracket[1]  # type: ignore[index]  # there is one
+        return "" if self.names[place] == self.titles[place] else _bracket(self.titles[place])
 
     def place(self, title: str) -> int:
         """The place of a column, by its name or as #3."""
@@ -72,6 +73,11 @@ class Cells:
     def plain(self, cell: Any) -> Any:
         """A cell with a decimal point."""
         return cell.replace(self.decimal, ".") if isinstance(cell, str) else cell
+
+
+def _bracket(title: str) -> str:
+    found = UNIT.search(title)
+    return found[1] if found else ""
 
 
 def read_cells(path: str | Path) -> Cells:
@@ -200,7 +206,7 @@ def _read_numpy(path: str | Path, stream: io.BytesIO) -> Any:
         found = np.load(stream, allow_pickle=False)
         return {name: found[name] for name in found.files} if hasattr(found, "files") else found
     except ValueError as error:
-        if "allow_pickle" not in str(error):
+        if "Object arrays" not in str(error):
             raise
         raise SwingupError(f"{path} has Python's objects, which are not read: save arrays of numbers") from error
 

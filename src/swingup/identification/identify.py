@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ..common.checks import check_seeds
 from ..common.errors import SwingupError
 from ..common.files import write_map
 from ..common.text import one_line
@@ -108,10 +109,11 @@ def identify(
     Raises:
         SwingupError: a log cannot be read or used, or an argument makes no sense.
     """
+    check_seeds(seed, 1)
     if not files:
         raise SwingupError("no logs: give at least one file")
     plant = load_plant(start)
-    recordings, tests = ([read_recording(log, None, columns, force) for log in logs] for logs in (files, test))
+    recordings, tests = ([read_recording(log, columns, force) for log in logs] for logs in (files, test))
     numbers = session_numbers(sessions, len(recordings) + len(tests))
     setting, vector = integration_of(plant), vector_of(plant)
     notes = [note for each in (*recordings, *tests) for note in check_columns(each, setting, vector, force)]

@@ -23,7 +23,7 @@ from ..common.types import Scalar, State
 from ..controllers.interface.controller import AbstractController
 from ..controllers.stack.controller import PolicyController
 from ..dynamics.integrate import stable_substeps
-from ..loop.supervisors.throws import thrown_states
+from ..loop.supervisors.throws import anywhere_states, thrown_states
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..plant.robots import Robot
 from .objective import SCORE_RULES, EpisodeWeights, Measures, bound_adjoint, measure_episode
@@ -69,8 +69,7 @@ def sample_episodes(
     """First states (rad, rad/s) of one step's episodes, in single precision, and which of them start hanging."""
     nominal, anywhere, thrown = settings.nominal, settings.anywhere, settings.thrown
     hanging = settings.spread * random.uniform(size=(nominal, 1)) * random.normal(size=(nominal, 4))
-    rates = settings.speed * random.uniform(size=(anywhere, 1)) * random.normal(size=(anywhere, 2))
-    free = np.concatenate([random.uniform(-np.pi, np.pi, (anywhere, 2)), rates], axis=1)
+    free = anywhere_states(random, anywhere, settings.speed)
     after = thrown_states(random, load_plant(plant).driven(robot), thrown) if thrown else np.zeros((0, 4))
     x0 = np.concatenate([hanging, free, after]).astype(np.float32)
     # Shuffled: each core takes a slice of the batch, and every slice needs episodes of all kinds.

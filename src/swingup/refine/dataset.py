@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..common.types import Flag, Key, Scalar, State
 from ..controllers.stack.controller import PolicyController, plant_of
 from ..dynamics.integrate import rk4_step
-from ..loop.supervisors.throws import thrown_states
+from ..loop.supervisors.throws import anywhere_states, thrown_states
 from ..plant.base_parameters import BASE_NAMES
 from ..plant.plant import Plant
 from ..plant.robots import Robot
@@ -43,9 +43,8 @@ class Dataset(NamedTuple):
 
 def uniform_states(school: School, settings: DistillationSettings, random: np.random.Generator) -> Dataset:
     """States from anywhere on all plants."""
-    number, size = settings.anywhere, (settings.anywhere, 2)
-    rates = random.uniform(0, ANYWHERE_SPEED, (number, 1)) * random.normal(size=size)
-    x = np.concatenate([random.uniform(-np.pi, np.pi, size), rates], axis=1).astype(np.float32)
+    number = settings.anywhere
+    x = anywhere_states(random, number, ANYWHERE_SPEED).astype(np.float32)
     plant = random.integers(0, school.teachers.number, number).astype(np.int32)
     weight = np.full(number, settings.anywhere_weight, np.float32)
     return Dataset(x, np.asarray(_answers(school, settings.tube, x, plant)), plant, weight)

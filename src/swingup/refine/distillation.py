@@ -28,6 +28,7 @@ from jaxtyping import Array, Float, Int
 
 from ..areapo.initial import init_actor
 from ..areapo.networks import Actor
+from ..benchmark.runner import StageProgress, stack
 from ..common.errors import SwingupError
 from ..common.types import Key, Scalar
 from ..controllers.interface.controller import AbstractController
@@ -45,8 +46,6 @@ from .plant_draws import plants_of
 from .recoveries import Recoveries, make_recoveries, make_regulators, recovery_cost
 from .teacher import School
 
-Progress = Callable[[str, int, int], None]
-"""Called with what is computed, how much of it is done, and of how much."""
 UP_SHARE = 0.1
 """Share of an episode in which the tip is up, from about which on its score counts."""
 PARTS = 40
@@ -66,7 +65,7 @@ def distil(
     settings: DistillationSettings,
     random: np.random.Generator,
     tell: Callable[[PolicyController, int], None] = lambda _, __: None,
-    progress: Progress = lambda _, __, ___: None,
+    progress: StageProgress = lambda _, __, ___: None,
 ) -> PolicyController:
     """A policy that sees its plant, from nothing but teachers, for the first school's nominal plant.
 
@@ -112,7 +111,7 @@ def recover(
     random: np.random.Generator,
     regulator: RegulatorSettings,
     tell: Callable[[PolicyController, int], None] = lambda _, __: None,
-    progress: Progress = lambda _, __, ___: None,
+    progress: StageProgress = lambda _, __, ___: None,
 ) -> PolicyController:
     """A policy that sees its plant, better at recoveries on these plants and on its own; it is its own teacher.
 
@@ -125,7 +124,7 @@ def recover(
             costs.append(fixed_point(plant, student.robot.joint)[0])
             held.append(plant)
     bases = jnp.float32(np.stack([base_parameters(plant) for plant in held]))
-    plants = single_precision(jax.tree.map(lambda *values: np.array(values), *held))
+    plants = single_precision(stack(held))
     student = single_precision(student)
     dataset = own_runs(student, plants, bases, settings, random)
     regulators = make_regulators(student, np.stack([P[TRIANGLE] for P in costs]), regulator)

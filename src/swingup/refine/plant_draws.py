@@ -4,22 +4,20 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-import jax
 import numpy as np
 
 from ..benchmark.robustness_board import vary
 from ..benchmark.rules import MODEL_SWEEPS, ModelSweep
+from ..benchmark.runner import stack
 from ..common.errors import SwingupError
 from ..loop.domain import Domain, load_domain
 from ..plant.plant import LEADERBOARD, NAMES, Plant, validated
 from ..plant.robots import Robot
 from ..plant.units import TORQUE, Scales, arm_scales, similar_plant
 
-SWEEPS = MODEL_SWEEPS
-"""The parameters that change, and their ranges."""
 RECORDED = "recorded"
 """The domain of the robot's plants."""
-GEAR = 6.0
+GEAR = LEADERBOARD.gr
 """Gear ratio of the motors of design C.1."""
 LEFT = {"b1": 0.004, "b2": 0.004, "cf1": 0.04, "cf2": 0.04}
 """Most friction that the compensation of the recorded robot's leaves (N m s/rad, N m)."""
@@ -70,10 +68,10 @@ def draw_plants(
 
     The nominal plant, in C.1's units, is what all but the robot's are about; the robot's are of the domain.
     """
-    nominal, names, domain = nominal.driven(robot), list(SWEEPS), domain or load_domain(RECORDED)
+    nominal, names, domain = nominal.driven(robot), list(MODEL_SWEEPS), domain or load_domain(RECORDED)
 
     def single(_: int) -> Plant:
-        sweep = SWEEPS[names[random.integers(len(names))]]
+        sweep = MODEL_SWEEPS[names[random.integers(len(names))]]
         return vary(nominal, sweep, _anywhere(random, sweep, draws.margin))
 
     def joint(_: int) -> Plant:
@@ -82,7 +80,7 @@ def draw_plants(
     def with_friction(index: int) -> Plant:
         # Friction where no motor acts is what fails most.
         name = f"{'b' if index % 3 == 2 else 'cf'}{2 - robot.joint}"
-        sweep = SWEEPS[name]
+        sweep = MODEL_SWEEPS[name]
         plant = nominal if index % 2 else _all_off(random, nominal, draws.friction_share)
         most = sweep.sweep.high * (1 + draws.margin)
         return vary(plant, sweep, random.uniform(0.0, most) - getattr(plant, name))
@@ -93,8 +91,7 @@ def draw_plants(
 
     kinds = ((single, draws.single), (joint, draws.joint), (with_friction, draws.friction), (robots, draws.robot))
     plants = [_pendulum(kind, index) for kind, number in kinds for index in range(number)]
-    stacked: Plant = jax.tree.map(lambda *values: np.array(values, np.float64), *plants)
-    return stacked
+    return stack(plants)
 
 
 def plants_of(batch: Plant) -> list[Plant]:
@@ -112,7 +109,7 @@ def _pendulum(kind: Callable[[int], Plant], index: int) -> Plant:
 
 def _all_off(random: np.random.Generator, nominal: Plant, share: float) -> Plant:
     plant = nominal
-    for sweep in SWEEPS.values():
+    for sweep in MODEL_SWEEPS.values():
         middle = 1.0 if sweep.relative else 0.0
         drawn = middle + share * (random.uniform(sweep.sweep.low, sweep.sweep.high) - middle)
         plant = vary(plant, sweep, drawn)

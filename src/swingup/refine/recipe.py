@@ -14,6 +14,7 @@ import numpy as np
 
 from ..benchmark.criteria import Criteria
 from ..benchmark.judge import judge
+from ..benchmark.runner import StageProgress
 from ..common.errors import SwingupError
 from ..controllers.stack.controller import PolicyController, make_controller, plant_of, policy_of
 from ..loop.domain import Domain, load_domain
@@ -34,7 +35,7 @@ from .analytic_policy_gradient import (
     sample_episodes,
     with_actor,
 )
-from .distillation import Progress, distil, recover
+from .distillation import distil, recover
 from .distillation_settings import DistillationSettings, RecoverySettings
 from .objective import EpisodeWeights
 from .plant_draws import RECORDED, PlantDraws, behind_motor, draw_plants
@@ -136,7 +137,7 @@ def run_recipe(
     every: int = 10,
     plant: PlantLike = LEADERBOARD,
     domain: Domain | str | None = None,
-    progress: Progress = lambda _, __, ___: None,
+    progress: StageProgress = lambda _, __, ___: None,
 ) -> PolicyController:
     """Take a policy through the stages of a recipe, in C.1's units.
 

@@ -25,7 +25,7 @@ from ..controllers.baselines.continuation import (
 from ..controllers.baselines.dry_friction import passive_friction
 from ..controllers.stack.controller import PolicyController, plant_of
 from ..controllers.stack.maths import JAX
-from ..dynamics.angles import UPRIGHT, wrap_difference
+from ..dynamics.angles import UPRIGHT, upright_error
 from ..dynamics.dynamics import acceleration
 from ..plant.base_parameters import base_parameters
 from ..plant.plant import LEADERBOARD, Plant, validated
@@ -90,8 +90,7 @@ def make_teachers(swingups: SwingUps, nominal: Plant = LEADERBOARD) -> Teachers:
     centre = base_parameters(nominal.driven(swingups.robot))
     bases = np.stack([base_parameters(plant) for plant in plants])
     states = swingups.states[:, :-1:APART]
-    errors = states - UPRIGHT
-    errors[..., :2] = wrap_difference(errors[..., :2])
+    errors = upright_error(states)
     costs = np.einsum("nri,nij,nrj->nr", errors, cost_to_go, errors)
     at_rest = np.where(costs < ARRIVED, COST_WHEN_OVER, 0.0)
     rows = states, at_rest, swingups.torque[:, ::APART], swingups.gains[:, ::APART]

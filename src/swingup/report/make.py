@@ -7,9 +7,10 @@ from typing import Any
 from ..benchmark.board import AbstractBoard
 from ..benchmark.disturbances import DisturbanceSettings
 from ..benchmark.judge import judge
-from ..benchmark.leaderboard import DEFAULT_BOARDS, ENTRANTS, OURS, RowProgress, Table, entrants_for, leaderboard
+from ..benchmark.leaderboard import DEFAULT_BOARDS, ENTRANTS, OURS, Table, entrants_for, leaderboard
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import PushRules
+from ..benchmark.runner import StageProgress
 from ..common.errors import SwingupError
 from ..common.text import one_line
 from ..controllers.registry import get_controller
@@ -72,7 +73,7 @@ def make_section(
     robot: Robot | str,
     controllers: Mapping[str, Any] | None = None,
     seed: int = 0,
-    progress: RowProgress | None = None,
+    progress: StageProgress | None = None,
     entrants: Sequence[str] = SHOWN_CONTROLLERS,
     plant: PlantLike = LEADERBOARD,
     boards: Sequence[AbstractBoard | str] = DEFAULT_BOARDS,
@@ -100,7 +101,7 @@ def make_section(
 
 
 def trained_section(
-    robot: Robot, policies: Mapping[str, PolicyController], progress: RowProgress = lambda *_: None
+    robot: Robot, policies: Mapping[str, PolicyController], progress: StageProgress = lambda *_: None
 ) -> Section:
     """Score a policy that was trained just now beside known ones, and simulate their swing-ups.
 
@@ -117,7 +118,7 @@ def trained_section(
 
 
 def make_shows(
-    controllers: Mapping[str, Any], robot: Robot, seed: int, plant: Plant, tell: RowProgress
+    controllers: Mapping[str, Any], robot: Robot, seed: int, plant: Plant, tell: StageProgress
 ) -> list[Show]:
     """Simulate several controllers, one after another."""
     shows: list[Show] = []

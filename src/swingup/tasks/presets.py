@@ -11,7 +11,7 @@ from ..common.checks import one_of
 from ..common.errors import SwingupError
 from ..dynamics.angles import wrap_difference
 from ..dynamics.integrate import stable_substeps
-from ..loop.supervisors.throws import thrown_states
+from ..loop.supervisors.throws import anywhere_states, thrown_states
 from ..plant.plant import LEADERBOARD, PlantLike, load_plant
 from ..plant.robots import Robot, get_robot
 from ..plant.units import STATE, scaled, scales_of
@@ -58,9 +58,7 @@ def global_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> RecoveryTask:
     smooth, random = _smooth(robot, plant), np.random.default_rng(STARTS_SEED)
     # 14,000 of 20,000: the board of global policies throws its pendulums.
     thrown = thrown_states(random, smooth.parameters, 14_000)
-    # Of all sizes: slow motions would be rare among normally distributed velocities of 10 rad/s.
-    rates = random.uniform(0, 10, (3000, 1)) * random.normal(size=(3000, 2))
-    anywhere = np.concatenate([random.uniform(-np.pi, np.pi, (3000, 2)), rates], axis=1)
+    anywhere = anywhere_states(random, 3000, 10.0)
     hanging = 0.05 * random.normal(size=(3000, 4))
     others = scales_of(smooth.parameters).scaled(np.concatenate([anywhere, hanging]), *STATE)
     starts = np.concatenate([thrown, others])

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 
 from ...common.errors import SwingupError
 from ...common.foreign import attribute, errors_named_after
-from ...common.text import one_line
 from ...common.types import Scalar, State, Torque
 from ...plant.robots import Robot
 from .time import TimeLike
@@ -73,14 +72,9 @@ def check_interface(controller: AbstractController[Any]) -> None:
         "hashing its fields", "make lists and sets tuples, and keep arrays in fields that are not static"
     ):
         hash(split(controller)[1])
-    try:
+    with errors_named_after("tracing it"):
         start = controller.init()
         answer = jax.eval_shape(lambda memory, t, x: controller(memory, t, x), start, jnp.zeros(()), jnp.zeros(4))
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:  # whatever a foreign controller raises
-        reason = f"{type(error).__name__}: {one_line(error)}"
-        raise SwingupError(f"tracing it raised {reason}; correct it there") from error
     if not isinstance(answer, tuple) or len(answer) != 2:
         raise SwingupError("a call of it must return two things: what to remember, and the torques [u1, u2]")
     after, command = answer

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...common.checks import finite_number, one_of, whole_number
+from ...common.checks import check_seeds, finite_number, one_of
 from ...common.errors import SwingupError
 from ...common.table import write_columns
 from ...loop.domain import Domain
@@ -127,9 +127,10 @@ def excite(
         seed: seed of the prior's draws; equal seeds give equal excitations.
         alone: whether the torques will be played without feedback; plants that differ then move apart.
     """
+    check_seeds(seed, 1)
     limits, plant = _limits(domain, joint, torque, speed, angle), domain.nominal_plant
     length = INTERVAL * round(finite_number("duration", duration, *DURATIONS, "s") / INTERVAL)
-    drawn = draw_models(domain, CHECKED_PLANTS, whole_number("seed", seed, 0, 2**32 - 1))
+    drawn = draw_models(domain, CHECKED_PLANTS, seed)
     # Steps twice as long change predictions by 1e-4 rad (prediction.py), nothing beside how far the plants differ.
     setting, models = integration_of(plant).coarse, np.concatenate([drawn, corner_models(domain)])
     frequency = scales_of(plant).scaled(NATURAL_FREQUENCY, VELOCITY)

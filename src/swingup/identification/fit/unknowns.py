@@ -29,6 +29,8 @@ KNOWN_NAMES = {
 }  # fmt: skip
 """Names that a user gives, and the model's."""
 LATENCY = ("delay", "lag")
+LEAST_DELAY, MOST_DELAY, MOST_LAG = -0.015, 0.025, 0.015
+"""Bounds of the fit (s). Below 0 only torques that were measured, and so late themselves."""
 
 
 class Expectation(NamedTuple):
@@ -112,8 +114,9 @@ def expectations(setting: Integration, start: Float[np.ndarray, "15"], commanded
         found[f"offset{joint}"] = Expectation(0.0, 0.02, 2.5, -0.25, 0.25)
     found["gain1"] = Expectation(1.0, 0.2, 1.5, 0.2, 3.0)
     # Measured torques may be later than those that act.
-    found["delay"] = Expectation(0.003 if commanded else 0.0, 0.004, 1.5, 0.0 if commanded else -0.015, 0.025)
-    found["lag"] = Expectation(0.0025, 0.002, 1.0, LEAST_LAG, 0.015)
+    middle, least = (0.003, 0.0) if commanded else (0.0, LEAST_DELAY)
+    found["delay"] = Expectation(middle, 0.004, 1.5, least, MOST_DELAY)
+    found["lag"] = Expectation(0.0025, 0.002, 1.0, LEAST_LAG, MOST_LAG)
     return found
 
 
@@ -190,8 +193,8 @@ def known_entries(known: Mapping[str, float] | None) -> dict[str, float]:
     for name, value in (known or {}).items():
         entry = KNOWN_NAMES[one_of("known value", name.replace(" ", ""), KNOWN_NAMES)]
         # Delay and lag within the bounds of the fit; of other values a sign or a size is wrong.
-        least = 1e-9 if entry in (*MASSES[:4], "gain1") else -0.015 if entry == "delay" else 0.0
-        most = {"delay": 0.025, "lag": 0.015}.get(entry, 1e3)
+        least = 1e-9 if entry in (*MASSES[:4], "gain1") else LEAST_DELAY if entry == "delay" else 0.0
+        most = {"delay": MOST_DELAY, "lag": MOST_LAG}.get(entry, 1e3)
         entries[entry] = max(finite_number(name, value, least, most), LEAST_LAG if entry == "lag" else least)
     return entries
 

@@ -97,7 +97,6 @@ class Recording:
 
 def read_recording(
     path: str | Path,
-    torque_limits: tuple[float, float] | None = None,
     columns: Sequence[str] = (),
     force: bool = False,
 ) -> Recording:
@@ -107,7 +106,6 @@ def read_recording(
         path: a file with ``time``, ``pos_meas1``, ``pos_meas2`` (or ``pos1``, ``pos2``), and as far as known
             ``vel_meas*``, ``tau_con*``, ``tau_pert*`` and ``tau_meas*``, in SI units or with units in the titles,
             as ``common.table.read_table`` reads it.
-        torque_limits: of both motors (N m), where the loop clips commands after the log's columns were written.
         columns: words that map the file's columns, as in ``q1=theta1:deg``.
         force: whether columns that look like torques may stay unread.
 
@@ -145,8 +143,6 @@ def read_recording(
         notes += lacking
     if commanded and (pushes := _first(values, _PUSHES)) is not None:
         u = u + np.nan_to_num(pushes[kept])
-    if torque_limits is not None:
-        u = np.clip(u, -np.asarray(torque_limits), np.asarray(torque_limits))
     peak = np.abs(u).max(axis=0)
     driven = peak > (0.0 if commanded else MEASURED_NOISE)
     notes += find_warnings(time, u, measured if commanded else None, fresh)

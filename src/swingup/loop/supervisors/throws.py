@@ -130,6 +130,15 @@ def thrown_states(
     return np.asarray(scales.scaled(thrown, *STATE))
 
 
+def anywhere_states(random: np.random.Generator, number: int, speed: float) -> Float[np.ndarray, "number 4"]:
+    """States in any configuration; the velocities' deviation is of all sizes up to ``speed`` (rad/s).
+
+    Slow motions would be rare among normally distributed velocities.
+    """
+    rates = random.uniform(0, speed, (number, 1)) * random.normal(size=(number, 2))
+    return np.concatenate([random.uniform(-np.pi, np.pi, (number, 2)), rates], axis=1)
+
+
 @functools.partial(jax.jit, static_argnums=(5, 6))
 @functools.partial(jax.vmap, in_axes=(None, None, 0, 0, 0, None, None))
 def _thrown(

@@ -13,9 +13,6 @@ from typing import Annotated, Any, ClassVar, NamedTuple, TypeAlias
 from ...common.errors import SwingupError
 from ...common.settings import Range, Settings, read_settings
 
-GUARD = "guard"
-"""Key of the guard's settings in a policy file's metadata."""
-
 STANDSTILLS = 10
 """Most calls in a row that may have the same time: a loop may call twice for one measurement."""
 PUSHING_SHARE = 0.5
@@ -76,7 +73,7 @@ class Fault(NamedTuple):
 class GuardSettings(Settings):
     """What a robot may do under a controller; its limits are those of RealAIGym's loop on the robot."""
 
-    PART: ClassVar[str] = GUARD
+    PART: ClassVar[str] = "guard"
     dt: Annotated[float, Range(1e-6, 0.1)] = 0.002
     """Time between calls (s)."""
     angle_limit: Annotated[float, Range(1e-6, 1e6)] = 4 * math.pi
@@ -128,4 +125,6 @@ def choose_guard(choice: GuardChoice, own: GuardSettings | None, dt: float | Non
     if isinstance(choice, GuardSettings):
         return choice
     # A caller's mapping is read as a file's entry is, with the same errors.
-    return own or default_guard(dt) if choice is True else read_settings({GUARD: choice}, GuardSettings)
+    return (
+        own or default_guard(dt) if choice is True else read_settings({GuardSettings.PART: choice}, GuardSettings)
+    )

@@ -271,7 +271,10 @@ def _spoilt(maths: Maths, loop: Loop, joint: int, state: IdentifierState, step: 
 
 
 def _rows(maths: Maths, loop: Loop, state: IdentifierState, steps: Array, step: Number) -> Array:
-    """The newest rows (2, 14) before the low-passes: Y, u̇, -v, u, of the last steps (s); ``step`` is the period."""
+    """The newest rows (2, n + 1) before the low-passes: a column for each of n unknowns, and u.
+
+    They are of the last steps (s); ``step`` is the loop's period (s).
+    """
     joint, most = loop.joint, chosen.span(loop.period)
     ages = maths.xp.concatenate([maths.xp.zeros(1, steps.dtype), maths.xp.cumsum(steps)])
     # A slower loop than the nominal one fills the time of a row with fewer steps.

@@ -59,7 +59,7 @@ class IdentifierState(NamedTuple):
     age: Number
     """The angles' age (calls)."""
     filtered: tuple[Array, ...]
-    """States of the low-passes: rows (2, 14) of both joints, with u̇, -v and u in the last columns."""
+    """States of the low-passes: rows (2, n + 1) of both joints, a column for each unknown and last u."""
     unknowns: Array
     """θ, κ1 and κ2 (kg m), the lag (s), the gain of the undriven joint's motor, and loads (n,)."""
     covariance: Array
