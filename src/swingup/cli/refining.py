@@ -99,19 +99,35 @@ def refine_command(
         if recipe != ADAPT and value is not None:
             raise SwingupError(f"--{name} is for --recipe {ADAPT}: leave it out")
     frames = None if frames is None else whole_number("frames", frames, 1)
-    seeds = len(check_seeds(SEED, 100 if seeds is None else seeds))
+    number = len(check_seeds(SEED, 100 if seeds is None else seeds))
     policy = AR_EAPO if policy is None and recipe != ADAPT else policy
     options: dict[str, Any] = {"policy": policy, "recipe": recipe, "domain": domain, "seed": seed}
     command = command_line("refine", robot.name, **options, out=Path(out).name, **plant)
-    if recipe != ADAPT:
-        given, on = load_policy(str(policy), robot), plant_of(plant)
-        sees_plant = policy_alone(given).policy.sees_plant
-        if domain is not None and not sees_plant:
-            raise SwingupError(f"--domain {domain} is for a policy that sees its plant: give a plant alone")
-        drawn = load_domain(domain or RECORDED) if sees_plant else None
-        _refine(given, out, recipe, seed, command, plant=on, domain=drawn)
-        tell(f"wrote {out}: judge it with {command_line('evaluate', robot.name, controller=out, **plant)}")
-        return 0
+    if recipe == ADAPT:
+        return _adapt(robot, out, policy, command, plant, domain, frames, seed, number, page)
+    given, on = load_policy(str(policy), robot), plant_of(plant)
+    sees_plant = policy_alone(given).policy.sees_plant
+    if domain is not None and not sees_plant:
+        raise SwingupError(f"--domain {domain} is for a policy that sees its plant: give a plant alone")
+    drawn = load_domain(domain or RECORDED) if sees_plant else None
+    _refine(given, out, recipe, seed, command, plant=on, domain=drawn)
+    tell(f"wrote {out}: judge it with {command_line('evaluate', robot.name, controller=out, **plant)}")
+    return 0
+
+
+def _adapt(
+    robot: Robot,
+    out: str,
+    policy: str | None,
+    command: str,
+    plant: PlantOptions,
+    domain: str | None,
+    frames: int | None,
+    seed: int,
+    seeds: int,
+    page: str | None,
+) -> int:
+    """The recipe ``adapt``: the shipped policy where it does, else the best of what is trained."""
     if policy is not None and policy_alone(load_policy(policy, robot)).policy.sees_plant:
         raise SwingupError(f"{policy} sees its plant already: leave --policy out, or use --recipe {RECOVER}")
     begun, (around, file) = time.monotonic(), adapted_domain(plant, domain, out)
