@@ -1,7 +1,7 @@
 """Columns of a table in terms of a file's: signs, sums, a constant and a unit, as in q1=theta1+180:deg.
 
 A word maps one column, NAME=EXPRESSION[:UNIT]. The expression adds and subtracts titles of the file (or #3, its
-third column), times a number if need be, and numbers or pi; all of it is in the unit, and in SI units without one.
+third column), as they are or times a number, and numbers or pi; all is in the unit, and in SI units without one.
 """
 
 import contextlib

@@ -205,9 +205,8 @@ def _clean(name: str, table: Table) -> tuple[np.ndarray, np.ndarray, list[str]]:
     if np.count_nonzero(~keep) > MOST_FAULTS * len(time):
         cells = np.nan_to_num(np.column_stack(list(table.values.values()))[rows])
         twice = np.append(False, np.all(np.diff(cells, axis=0) == 0, axis=1))
-        notes += [f"{np.count_nonzero(twice)} rows repeat the one before and its time: they are left out"] * any(
-            twice
-        )
+        if twice.any():
+            notes.append(f"{np.count_nonzero(twice)} rows repeat the one before and its time: they are left out")
         rows, time = rows[~twice], time[~twice]
         keep, clock, restarts, spread = one_clock(time, longest, 2 * longest)
         steps = np.diff(time)
