@@ -27,7 +27,7 @@ from swingup.policy.regulator.settings import RegulatorSettings, fixed_point
 from swingup.policy.shipped import load_policy
 from swingup.refine import teacher as teaching
 from swingup.refine.analytic_policy_gradient import single_precision
-from swingup.refine.dataset import STILL, Dataset, _hanging_still
+from swingup.refine.dataset import STILL, Dataset, _hanging_still, own_runs
 from swingup.refine.distillation import _behind_one_gear, _joined, distil, new_student, recover
 from swingup.refine.distillation_settings import DistillationSettings, RecoverySettings, plant_scale
 from swingup.refine.plant_draws import PlantDraws, draw_plants, plants_of
@@ -162,6 +162,11 @@ def test_a_policy_that_sees_its_plant_recovers_better_and_keeps_its_torques():
     hanging = [float(each.control(None, 0.0, x, bases[0])[1][1]) for each in (before, after)]
     assert hanging[1] == pytest.approx(hanging[0], abs=1.0)
     assert len(after.policy.actor.trunk) == 3
+    # Of a policy without a good run nothing is kept, and nothing fails.
+    spoilt = jax.tree.map(lambda leaf: leaf * np.nan, before.policy.actor)
+    wild = eqx.tree_at(lambda c: c.policy.actor, before, spoilt)
+    found = own_runs(wild, single_precision(plants), bases, settings, random)
+    assert (found.x.shape, found.weight.tolist()) == ((1, 4), [0.0])
 
 
 def test_no_plant_is_on_the_grid_that_judges():

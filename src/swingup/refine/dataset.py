@@ -83,7 +83,9 @@ def own_runs(
     shape = len(bases), settings.runs
     keys = jax.random.split(draw_key(random), shape)
     x, u = map(np.asarray, _own_runs(student, plants, bases, settings, keys))
-    return _good_runs(x, u, np.arange(len(bases)), np.ones_like(u))
+    found = _good_runs(x, u, np.arange(len(bases)), np.ones_like(u))
+    # Where no run is good, no torque is kept: a row that does not count stands for them.
+    return found if len(found.u) else Dataset(*(np.zeros((1, *each.shape[1:]), each.dtype) for each in found))
 
 
 def draw_key(random: np.random.Generator) -> Key:
