@@ -188,7 +188,7 @@ def one_gear(gears: Mapping[str, float], notes: list[str]) -> float:
     """The gear ratio that the driven joints have, 1 without any; the last one, and a note, where they differ."""
     if len({*gears.values()}) > 1:
         told = ", ".join(f"{gear:g} of {quoted(joint)}" for joint, gear in gears.items())
-        notes.append(f"gear ratios differ ({told}), and a plant has one: the last, unless --set gr=VALUE")
+        notes.append(f"left out: all gear ratios but the last ({told}), unless --set gr=VALUE")
     return [1.0, *gears.values()][-1]
 
 
