@@ -21,8 +21,8 @@ import jax
 import numpy as np
 
 from swingup.benchmark.judge import judge
+from swingup.common import __version__
 from swingup.common.errors import SwingupError
-from swingup.common.version import __version__
 from swingup.controllers.stack.controller import make_controller, policy_alone
 from swingup.learner.run_folder import BEST
 from swingup.learner.run_settings import make_run_settings

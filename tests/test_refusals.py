@@ -22,7 +22,7 @@ from swingup.benchmark.robustness_board import change_grid
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import PushRules
 from swingup.cli.plotting import plot_command
-from swingup.common.text import one_line, quoted
+from swingup.common.errors import one_line, quoted
 from swingup.controllers.baselines.baselines import baseline, shipped_reference
 from swingup.controllers.stack.controller import policy_of
 from swingup.controllers.stack.policy import Policy

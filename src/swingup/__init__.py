@@ -6,8 +6,8 @@ Importing the package is light: the names below are loaded when they are first u
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from .common import __version__
 from .common.errors import SwingupError
-from .common.version import __version__
 
 if TYPE_CHECKING:
     from .benchmark.board import AbstractBoard as AbstractBoard

@@ -20,10 +20,8 @@ from jaxtyping import Bool, Float, Float32, UInt8
 
 from . import continuing  # noqa: F401 (registers its ids)
 from .common.checks import whole_number
-from .common.errors import SwingupError
-from .common.fetch import fetch
-from .common.text import quoted
-from .common.types import Action, Key, Observation, State
+from .common.errors import SwingupError, quoted
+from .common.types import Action, Key, Observation, State, fetch
 from .drawing import draw_frame
 from .plant.plant import LEADERBOARD, PlantLike
 from .plant.robots import ROBOTS

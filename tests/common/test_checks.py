@@ -10,9 +10,8 @@ import numpy as np
 
 from refusals import refusal
 from swingup.common.checks import finite_number, is_number, one_of, positive_number, suggestion, whole_number
-from swingup.common.errors import SwingupError
+from swingup.common.errors import LONGEST_QUOTE, SwingupError, one_line, quoted
 from swingup.common.files import make_folder, write_atomically
-from swingup.common.text import LONGEST_QUOTE, one_line, quoted
 from swingup.common.yaml_map import LARGEST_YAML, read_map
 
 NO_NUMBERS = [None, True, np.True_, "1", b"1", [1], {}, math.nan, math.inf, -math.inf, 1j, 10**400, object()]

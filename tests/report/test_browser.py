@@ -11,7 +11,7 @@ from swingup.benchmark.boards import PERFORMANCE, ROBUSTNESS
 from swingup.benchmark.judge import judge
 from swingup.benchmark.robustness_board import upright
 from swingup.benchmark.rules import CRITERIA
-from swingup.common.text import one_line
+from swingup.common.errors import one_line
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.plant import NAMES, load_plant
 from swingup.report.page import render_page

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from swingup.benchmark.rollout import Trajectory
-from swingup.common.text import one_line
+from swingup.common.errors import one_line
 from swingup.controllers.registry import get_controller
 from swingup.plant.plant import LEADERBOARD
 from swingup.plant.robots import ROBOTS

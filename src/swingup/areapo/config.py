@@ -14,10 +14,8 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from ..common.checks import finite_number, one_of, suggestion, whole_number
-from ..common.errors import SwingupError
-from ..common.other_names import swingup_name
-from ..common.text import quoted
+from ..common.checks import finite_number, one_of, suggestion, swingup_name, whole_number
+from ..common.errors import SwingupError, quoted
 from ..policy.network.layers import Activation
 
 TINY, HUGE = 1e-12, 1e12

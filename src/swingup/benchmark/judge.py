@@ -7,10 +7,9 @@ from typing import Any
 import jax
 import numpy as np
 
+from ..common import cores
 from ..common.checks import check_seeds
-from ..common.cores import cores
-from ..common.errors import SwingupError, naming
-from ..common.text import quoted
+from ..common.errors import SwingupError, naming, quoted
 from ..controllers.interface.call_time import announce, call_time, slow_call
 from ..controllers.interface.controller import AbstractController
 from ..controllers.registry import has_estimator

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..common.version import __version__
+from ..common import __version__
 from ..loop.domain import Domain
 from ..plant.plant import Plant
 from .board import Run

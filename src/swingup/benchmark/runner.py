@@ -13,9 +13,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..common.cores import cores
-from ..common.errors import SwingupError, naming
-from ..common.foreign import errors_named_after
+from ..common import cores
+from ..common.errors import SwingupError, errors_named_after, naming
 from ..common.types import Count, State
 from ..controllers.baselines.switch import AbstractExpensiveController
 from ..controllers.interface.call_time import announce

@@ -8,9 +8,8 @@ from typing import Annotated, Any, TypedDict
 from tyro.conf import arg
 
 from ..common.checks import one_of
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, one_line
 from ..common.files import check_suffix, check_writable
-from ..common.text import one_line
 from ..plant.model_files.files import read_model
 from ..plant.plant import LEADERBOARD, PLANT_FILES, SHIPPED_PLANTS, Plant, is_model_file, load_plant
 from ..plant.robots import Robot, get_robot

@@ -7,9 +7,8 @@ import time
 from pathlib import Path
 
 from ..benchmark.leaderboard import paper_score
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, duration
 from ..common.files import write_atomically
-from ..common.text import duration
 from ..controllers.stack.controller import policy_alone
 from ..learner.progress import TrainingReport
 from ..learner.run import Run

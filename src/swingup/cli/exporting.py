@@ -10,9 +10,8 @@ from tyro.conf import arg
 from ..benchmark.boards import SIM2REAL, swing_up_board
 from ..benchmark.recording import save_trajectory
 from ..common.checks import check_seeds, one_of, positive_number
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, command_line
 from ..common.files import check_writable, write_atomically
-from ..common.text import command_line
 from ..controllers.baselines.baselines import BASELINES, DESIGN_SEED, design_of, shipped_reference
 from ..controllers.baselines.own_units import in_real_units
 from ..controllers.swingups.reference import save_reference, save_reference_csv

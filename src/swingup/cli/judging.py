@@ -16,9 +16,8 @@ from ..benchmark.leaderboard import DEFAULT_BOARDS, leaderboard
 from ..benchmark.recording import load_trajectory, save_trajectory
 from ..benchmark.robustness_board import RobustnessBoard, change_grid
 from ..benchmark.rules import PushRules
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, command_line
 from ..common.files import check_writable, write_atomically
-from ..common.text import command_line
 from ..controllers.interface.call_time import call_time, slow_call
 from ..controllers.interface.check import check_controller
 from ..controllers.registry import BUILT_IN, designs_for, get_controller

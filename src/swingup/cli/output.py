@@ -15,7 +15,7 @@ from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bar
 from rich.table import Column, Table
 
-from ..common.text import duration, printable
+from ..common.errors import duration, printable
 
 WIDEST = 1000
 """No table needs more columns of text than this."""

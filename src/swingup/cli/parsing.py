@@ -15,10 +15,8 @@ import tyro
 from tyro.conf import DisallowNone, OmitArgPrefixes, arg
 from tyro.constructors import PrimitiveConstructorSpec
 
-from ..common.checks import one_of, suggestion
-from ..common.errors import SwingupError
-from ..common.other_names import OTHER_NAMES
-from ..common.text import one_line, quoted
+from ..common.checks import OTHER_NAMES, one_of, suggestion
+from ..common.errors import SwingupError, one_line, quoted
 
 PROGRAM = "swingup"
 REPEATABLE = "--set"

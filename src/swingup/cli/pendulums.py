@@ -9,9 +9,8 @@ from typing import Annotated
 from tyro.conf import UseAppendAction, arg
 
 from ..benchmark.log_comparison import compare
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, one_line, quoted
 from ..common.files import check_writable
-from ..common.text import one_line, quoted
 from ..identification.excite.excite import excite
 from ..identification.identify import identify
 from ..identification.plant_domain import prior_around

@@ -10,12 +10,11 @@ from tyro.conf import arg
 
 from ..benchmark.judge import judge
 from ..benchmark.result import Result
+from ..common import __version__
 from ..common.arrays import SUFFIX
 from ..common.checks import check_seeds, whole_number
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, command_line, duration
 from ..common.files import write_atomically, write_map
-from ..common.text import command_line, duration
-from ..common.version import __version__
 from ..controllers.registry import get_controller
 from ..controllers.stack.controller import policy_alone
 from ..learner.presets import get_preset

@@ -12,7 +12,7 @@ from ..benchmark.columns import COLUMNS
 from ..benchmark.criteria import CAUSES
 from ..benchmark.leaderboard import ON_ROBOT, OURS, Table
 from ..benchmark.result import Result
-from ..common.text import one_line, printable
+from ..common.errors import one_line, printable
 from ..controllers.registry import has_estimator
 from ..controllers.stack.controller import PolicyController
 from ..controllers.stack.regulator import RegulatingController

@@ -1,1 +1,12 @@
-"""What all layers share: errors, checks, files, arrays and tables."""
+"""What all layers share: errors, checks, settings, files, arrays and tables."""
+
+import os
+
+__version__ = "0.1.0"
+"""pyproject.toml and CITATION.cff name the same, which a test holds."""
+
+
+def cores() -> int:
+    """The cores that the system lets this process use: fewer than the machine has under ``taskset`` or in a job."""
+    affinity = getattr(os, "sched_getaffinity", None)  # not on every system
+    return len(affinity(0)) if affinity else os.cpu_count() or 1

@@ -14,9 +14,8 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from .errors import SwingupError
+from .errors import SwingupError, quoted
 from .files import write_atomically
-from .text import quoted
 
 SUFFIX = ".safetensors"
 """The end of a file's name."""

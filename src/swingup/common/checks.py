@@ -6,8 +6,7 @@ from collections.abc import Iterable
 from numbers import Integral, Real
 from typing import Any
 
-from .errors import SwingupError
-from .text import quoted
+from .errors import SwingupError, quoted
 
 LARGEST_NUMBER = 1e9
 """No quantity in SI units comes near this; squares of larger numbers might overflow."""
@@ -15,6 +14,28 @@ LARGEST_SEED = 2**31 - 1
 """Noise keys hold a seed in 32 bits."""
 MOST_SEEDS = 9999
 """Upper limit on seeds, to catch typing errors."""
+
+OTHER_NAMES = {
+    "n_envs": "num_envs",
+    "n_steps": "num_steps",
+    "n_epochs": "num_epochs",
+    "update_epochs": "num_epochs",
+    "num_minibatches": "batch_size",
+    "lr": "learning_rate",
+    "gamma": "discount",
+    "ent_coef": "temperature",
+    "vf_coef": "value_coefficient",
+    "clip_coef": "clip_range",
+    "clip_eps": "clip_range",
+    "net_arch": "policy_layers and value_layers",
+    "policy_kwargs": "policy_layers and value_layers",
+    "total_timesteps": "frames, an argument of learn",
+}
+"""Names that Stable-Baselines3, CleanRL and rejax give to hyperparameters, and ours.
+
+A name is not taken for ours, since most of them mean something slightly different: an error says what to write, and
+``docs/coming-from.md`` what differs.
+"""
 
 
 def is_number(value: Any) -> bool:
@@ -75,3 +96,9 @@ def suggestion(value: Any, choices: Iterable[str]) -> str:
     """The end of a message that suggests the nearest name; empty if none is near."""
     near = difflib.get_close_matches(value, list(choices), 1) if isinstance(value, str) else []
     return f"; did you mean {near[0]}?" if near else ""
+
+
+def swingup_name(name: object) -> str:
+    """The end of a message about an unknown name: our name for it; empty if we have none."""
+    ours = OTHER_NAMES.get(name) if isinstance(name, str) else None
+    return f": here it is {ours}" if ours else ""

@@ -10,8 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from .errors import SwingupError
-from .text import quoted
+from .errors import SwingupError, quoted
 
 DEGREE, TURN = math.pi / 180, 2 * math.pi
 UNITS: Mapping[str, Mapping[str, float]] = {

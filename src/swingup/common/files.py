@@ -8,8 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from .errors import SwingupError
-from .text import one_line
+from .errors import SwingupError, one_line
 
 
 def write_atomically(path: str | Path, content: bytes) -> None:

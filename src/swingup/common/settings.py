@@ -11,8 +11,7 @@ from dataclasses import Field, dataclass, fields, is_dataclass
 from typing import Any, ClassVar, TypeVar, get_args
 
 from .checks import finite_number, one_of, whole_number
-from .errors import SwingupError
-from .text import quoted
+from .errors import SwingupError, quoted
 
 SettingsT = TypeVar("SettingsT", bound="Settings")
 NoteT = TypeVar("NoteT")

@@ -15,10 +15,9 @@ from jaxtyping import Float
 
 from .checks import LARGEST_NUMBER
 from .columns import SHORT_NAMES, Column, parse_columns, suggest_columns, unit_size
-from .errors import SwingupError
+from .errors import SwingupError, quoted
 from .files import write_atomically
 from .table_cells import Cells, Row, is_number, read_cells
-from .text import quoted
 
 Names = tuple[str, ...]
 """Columns that belong together."""

@@ -1,7 +1,9 @@
-"""Named array types: the field's symbols, with their order and units, declared once."""
+"""Named types of JAX's arrays: the field's symbols, with their order and units, declared once; and ``fetch``."""
 
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
+import jax
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 State: TypeAlias = Float[Array, "4"]
@@ -27,3 +29,12 @@ Action: TypeAlias = Float[Array, "m"]
 
 Key: TypeAlias = PRNGKeyArray
 """A JAX random key: split once into named keys, each used once."""
+
+
+def fetch(tree: Any) -> Any:
+    """A compiled call's results with NumPy arrays in place of JAX's; on a CPU they share memory and are read-only.
+
+    For a few small arrays on a CPU ``jax.device_get`` takes 0.2 ms more, as long as a step of an environment. From
+    a GPU it fetches all at once.
+    """
+    return jax.tree.map(np.asarray, tree) if jax.default_backend() == "cpu" else jax.device_get(tree)

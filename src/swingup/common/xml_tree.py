@@ -14,9 +14,8 @@ from xml.parsers import expat
 import numpy as np
 
 from .checks import LARGEST_NUMBER
-from .errors import SwingupError
+from .errors import SwingupError, one_line, quoted
 from .files import read_bytes
-from .text import one_line, quoted
 
 LARGEST_XML = 2_000_000
 """Bytes of a file; meshes lie in files of their own."""

@@ -10,9 +10,8 @@ from typing import Any
 
 import yaml
 
-from .errors import SwingupError
+from .errors import LONGEST_QUOTE, SwingupError, one_line, quoted
 from .files import read_bytes
-from .text import LONGEST_QUOTE, one_line, quoted
 
 LARGEST_YAML = 100_000
 """Bytes of a file; those of the package have less than 3,000."""

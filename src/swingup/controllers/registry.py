@@ -8,9 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from ..common.checks import suggestion
-from ..common.errors import SwingupError, naming
-from ..common.foreign import described
-from ..common.text import quoted
+from ..common.errors import SwingupError, described, naming, quoted
 from ..plant.plant import LEADERBOARD, PlantLike, load_plant
 from ..plant.robots import Robot, get_robot
 from ..policy.shipped import SHIPPED_POLICIES, is_policy, load_policy

@@ -11,10 +11,9 @@ from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
-from ..common.errors import SwingupError
+from ..common import __version__
+from ..common.errors import SwingupError, quoted
 from ..common.files import behind_links, write_atomically
-from ..common.text import quoted
-from ..common.version import __version__
 from ..policy.guard.settings import GuardSettings, default_guard
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
 
@@ -37,8 +36,7 @@ PACKAGE = "{name}_controller"
 """Name of the copied source, so that an installed swingup or another entry is never meant."""
 
 COMMON_FILES = tuple(
-    f"common/{name}.py"
-    for name in ("__init__", "arrays", "checks", "errors", "files", "riccati", "settings", "text")
+    f"common/{name}.py" for name in ("__init__", "arrays", "checks", "errors", "files", "riccati", "settings")
 )
 """What the folders ``plant`` and ``policy`` need besides themselves; a test runs them without the rest."""
 

@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 
 from ..common.checks import is_number
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, quoted
 from ..common.files import make_folder, write_atomically
-from ..common.text import quoted
 from ..plant.equations import friction
 from ..policy.contract import LoopController, four_numbers
 from ..policy.guard.settings import Fault

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ..common import __version__
 from ..common.checks import check_seeds
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, one_line
 from ..common.files import write_map
-from ..common.text import one_line
-from ..common.version import __version__
 from ..plant.plant import Plant, PlantLike, load_plant
 from ..plant.save import representative, save_plant
 from .fit.bootstrap import draw_solutions

@@ -12,8 +12,7 @@ from ..areapo.checkpoint import save_checkpoint
 from ..areapo.config import Config
 from ..areapo.keys import Purpose, root_key
 from ..common.checks import whole_number
-from ..common.errors import SwingupError
-from ..common.text import quoted
+from ..common.errors import SwingupError, quoted
 from ..controllers.stack.policy import Policy, act
 from ..plant.plant import LEADERBOARD, PlantLike
 from ..tasks.adapters import as_task

@@ -9,9 +9,7 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv, VectorEnv
 
-from ..common.errors import SwingupError
-from ..common.foreign import attribute
-from ..common.text import one_line, quoted
+from ..common.errors import SwingupError, attribute, one_line, quoted
 
 RESET = ("observations", "infos")
 STEP = ("observations", "rewards", "terminated", "truncated", "infos")

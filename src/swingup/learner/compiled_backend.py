@@ -17,7 +17,7 @@ from ..areapo.config import Config
 from ..areapo.keys import Purpose, root_key
 from ..areapo.metrics import Metrics
 from ..areapo.state import LearnerState
-from ..common.cores import cores
+from ..common import cores
 from ..controllers.stack.policy import Policy
 from ..tasks.task import AbstractTask
 from .backend import AbstractBackend, split_seeds

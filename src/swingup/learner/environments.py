@@ -23,9 +23,7 @@ from jaxtyping import Bool, Float32, Shaped
 
 from .. import gym  # noqa: F401 (registers swingup's own ids)
 from ..common.checks import whole_number
-from ..common.errors import SwingupError
-from ..common.foreign import attribute, errors_named_after
-from ..common.text import one_line, quoted
+from ..common.errors import SwingupError, attribute, errors_named_after, one_line, quoted
 from ..tasks.adapted import shape_of_observation
 from ..tasks.space_actions import space_actions
 from ..tasks.task import Spaces

@@ -18,8 +18,7 @@ from ..areapo.networks import ActionSample, AnyActor, sample_actions
 from ..areapo.state import LearnerState, Rollout
 from ..areapo.statistics import RunningStatistics
 from ..common.errors import SwingupError
-from ..common.fetch import fetch
-from ..common.types import Key
+from ..common.types import Key, fetch
 from ..controllers.stack.policy import Policy
 from ..tasks.task import Spaces
 from .backend import AbstractBackend, join_seeds, split_seeds

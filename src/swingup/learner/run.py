@@ -17,10 +17,10 @@ import jax
 import numpy as np
 
 from ..areapo.state import LearnerState
+from ..common import __version__
 from ..common.arrays import finite
 from ..common.checks import whole_number
 from ..common.errors import SwingupError
-from ..common.version import __version__
 from ..controllers.stack.policy import Policy
 from .backend import AbstractBackend, split_seeds
 from .metrics import MetricsWriter

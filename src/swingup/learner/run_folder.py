@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from ..areapo.checkpoint import load_checkpoint, save_checkpoint
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, one_line
 from ..common.files import behind_links, make_folder
-from ..common.text import one_line
 from ..policy.file import read_network
 from .progress import UNRANKED, Rank, rank
 from .run_settings import MALFORMED, RunSettings

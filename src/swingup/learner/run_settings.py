@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from ..areapo.config import Config, config_from_dict
+from ..common import __version__
 from ..common.arrays import write_json
 from ..common.checks import one_of, whole_number
-from ..common.errors import SwingupError
-from ..common.text import command_line, one_line, quoted
-from ..common.version import __version__
+from ..common.errors import SwingupError, command_line, one_line, quoted
 from ..plant.plant import (
     FRICTIONLESS_SUFFIX,
     LEADERBOARD,

@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 import jax
 
 from ..common.checks import one_of
-from ..common.errors import SwingupError, naming
-from ..common.text import one_line, quoted
+from ..common.errors import SwingupError, naming, one_line, quoted
 from ..common.yaml_map import read_map
 from ..dynamics.integrate import stable_substeps
 from ..plant.plant import (

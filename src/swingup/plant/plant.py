@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from ..common.checks import LARGEST_NUMBER, one_of
-from ..common.errors import SwingupError, naming
-from ..common.text import one_line, quoted
+from ..common.errors import SwingupError, naming, one_line, quoted
 from .damped import Friction
 from .equations import Number, lump, mass_entries
 from .robots import TORQUE_LIMIT, Robot, get_robot

@@ -12,9 +12,8 @@ import numpy as np
 
 from ..common.arrays import load_arrays, save_arrays
 from ..common.checks import one_of
-from ..common.errors import SwingupError, naming
+from ..common.errors import SwingupError, naming, quoted
 from ..common.settings import settings_of
-from ..common.text import quoted
 from .network.layers import RELU, TANH, Activation, Bounds, Layer, Network
 from .network.stages import STAGES, Stage, arrays_of, make_stage
 

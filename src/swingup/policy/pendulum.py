@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from ..common.checks import finite_number
-from ..common.errors import SwingupError, naming
+from ..common.errors import SwingupError, naming, quoted
 from ..common.settings import Settings, read_settings
-from ..common.text import quoted
 from ..plant.base_parameters import base_parameters
 from ..plant.plant import Plant
 from ..plant.robots import ROBOTS, Robot, get_robot

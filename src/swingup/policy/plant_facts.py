@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..common.checks import finite_number, one_of
-from ..common.errors import SwingupError
-from ..common.text import quoted
+from ..common.errors import SwingupError, quoted
 from ..plant.base_parameters import BASE_NAMES, FRICTIONS, base_parameters
 from ..plant.equations import friction
 from ..plant.plant import NAMES, Plant, make_plant, validated

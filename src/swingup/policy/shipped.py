@@ -6,8 +6,7 @@ from pathlib import Path
 
 from ..common.arrays import SUFFIX
 from ..common.checks import one_of
-from ..common.errors import SwingupError, naming
-from ..common.text import quoted
+from ..common.errors import SwingupError, naming, quoted
 from ..plant.plant import PlantLike, load_plant
 from ..plant.robots import Robot, get_robot
 from .pendulum import PendulumPolicy, for_plant, read_pendulum_policy

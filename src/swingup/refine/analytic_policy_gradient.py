@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..areapo.networks import Actor
 from ..benchmark.rollout import Scenario, simulate
-from ..common.cores import cores
+from ..common import cores
 from ..common.types import Scalar, State
 from ..controllers.interface.controller import AbstractController
 from ..controllers.stack.controller import PolicyController

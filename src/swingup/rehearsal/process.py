@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..common.errors import SwingupError
-from ..common.text import one_line
+from ..common.errors import SwingupError, one_line
 from .folder import Folder
 
 LOADING_TIME = 60.0

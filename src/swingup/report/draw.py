@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..common.errors import SwingupError, needing
-from ..common.text import one_line
+from ..common.errors import SwingupError, needing, one_line
 from ..drawing import BASE, DRIVEN, GREEN, GUIDE, LINK_1, LINK_2
 from .figure import BARS, DASHED, DOTS, LINE, PALE_BARS, RING, STAR, THIN, Curve, Figure, Panel
 

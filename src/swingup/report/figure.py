@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..common.text import one_line
+from ..common.errors import one_line
 
 LINE, THIN, DASHED, DOTS, BARS, PALE_BARS, RING, STAR = (
     "line", "thin", "dashed", "dots", "bars", "pale bars", "ring", "star",

@@ -17,9 +17,8 @@ from ..benchmark.recording import checked_rows
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import CRITERIA
 from ..common.checks import finite_number, whole_number
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, quoted
 from ..common.files import read_bytes
-from ..common.text import quoted
 from ..drawing import GOAL_HEIGHT
 from ..learner.metrics import METRICS_FILE
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant

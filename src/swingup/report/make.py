@@ -11,8 +11,7 @@ from ..benchmark.leaderboard import DEFAULT_BOARDS, ENTRANTS, OURS, Table, entra
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import PushRules
 from ..benchmark.runner import StageProgress
-from ..common.errors import SwingupError
-from ..common.text import one_line
+from ..common.errors import SwingupError, one_line
 from ..controllers.registry import get_controller
 from ..controllers.stack.controller import PolicyController, policy_of
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant

@@ -18,10 +18,9 @@ from ..benchmark.leaderboard import OURS, Row, Table
 from ..benchmark.recording import LEAST, checked_rows
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import CRITERIA
-from ..common.errors import SwingupError, needing
+from ..common import __version__
+from ..common.errors import SwingupError, needing, one_line
 from ..common.files import check_suffix, write_atomically
-from ..common.text import one_line
-from ..common.version import __version__
 from ..export.javascript_backend.page import policy_data, policy_script
 from ..loop.loop import LOOP_DT
 from ..plant.plant import LEADERBOARD, NAMES

@@ -13,8 +13,7 @@ from typing import Any
 from ..areapo.config import check_hyperparameter, config_from_dict, format_value, parse_value
 from ..benchmark.interval import interquartile_interval, interquartile_mean
 from ..common.checks import is_number, one_of, whole_number
-from ..common.errors import SwingupError
-from ..common.text import one_line
+from ..common.errors import SwingupError, one_line
 from ..learner.metrics import METRICS_FILE, read_metrics
 from ..learner.presets import PRESETS, get_preset
 from ..learner.rates import RESETS, REWARD_RATE

@@ -18,8 +18,7 @@ from ..areapo.config import Config, format_value, parse_value
 from ..benchmark.interval import interquartile_mean
 from ..common.arrays import write_json
 from ..common.checks import is_number, whole_number
-from ..common.errors import SwingupError, needing
-from ..common.text import one_line, quoted
+from ..common.errors import SwingupError, needing, one_line, quoted
 from ..learner.run_folder import RunFolder
 from ..learner.run_settings import RunSettings, make_run_settings
 from .runs import MOST_RUNS, Row, describe_error, parse_alternatives, plan_variant, run_length, train_one

@@ -10,8 +10,8 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPool
 from multiprocessing.connection import Connection
 from typing import Any
 
+from ..common import cores
 from ..common.checks import whole_number
-from ..common.cores import cores
 from ..common.errors import SwingupError, needing
 
 

@@ -7,9 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..common.errors import SwingupError
-from ..common.foreign import attribute, errors_named_after
-from ..common.text import one_line, quoted
+from ..common.errors import SwingupError, attribute, errors_named_after, one_line, quoted
 from ..common.types import Observation
 from .space_actions import SpaceActions
 from .task import AbstractTask, Step, strongly_typed

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from ..common.foreign import attribute
+from ..common.errors import attribute
 from .brax_task import BraxTask
 from .envelope_task import EnvelopeTask
 from .gymnax_task import GymnaxTask

@@ -16,9 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common.checks import whole_number
-from ..common.errors import SwingupError
-from ..common.foreign import attribute, errors_named_after
-from ..common.text import one_line
+from ..common.errors import SwingupError, attribute, errors_named_after, one_line
 from ..common.types import Action, Flag, Key
 from .adapted import AbstractAdaptedTask, AdaptedState, check_hash, shape_of_observation
 from .space_actions import SpaceActions

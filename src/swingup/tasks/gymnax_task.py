@@ -11,9 +11,7 @@ from typing import Any
 import equinox as eqx
 import jax
 
-from ..common.errors import SwingupError
-from ..common.foreign import attribute, errors_named_after
-from ..common.text import one_line
+from ..common.errors import SwingupError, attribute, errors_named_after, one_line
 from ..common.types import Action, Key
 from .adapted import AbstractAdaptedTask, AdaptedState, arrays_of, check_hash, shape_of_observation
 from .space_actions import space_actions

@@ -6,9 +6,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Shaped
 
-from ..common.errors import SwingupError
-from ..common.foreign import attribute
-from ..common.text import one_line
+from ..common.errors import SwingupError, attribute, one_line
 
 
 class SpaceActions(eqx.Module):

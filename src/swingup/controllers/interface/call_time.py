@@ -10,9 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ...common.errors import SwingupError
-from ...common.foreign import errors_named_after
-from ...common.text import duration
+from ...common.errors import SwingupError, duration, errors_named_after
 from .controller import AbstractController, split
 from .python_controller import PythonController, answer
 

@@ -9,8 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...common.checks import finite_number
-from ...common.errors import SwingupError
-from ...common.foreign import attribute, errors_named_after
+from ...common.errors import SwingupError, attribute, errors_named_after
 from ...plant.robots import TORQUE_LIMIT, Robot, get_robot
 from .call_time import run_calls
 from .controller import AbstractController, check_interface, check_robot, split

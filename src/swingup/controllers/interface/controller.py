@@ -7,8 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ...common.errors import SwingupError
-from ...common.foreign import attribute, errors_named_after
+from ...common.errors import SwingupError, attribute, errors_named_after
 from ...common.types import Scalar, State, Torque
 from ...plant.robots import Robot
 from .time import TimeLike

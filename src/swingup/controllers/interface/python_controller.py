@@ -7,9 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...common.errors import SwingupError
-from ...common.foreign import attribute, described, errors_named_after
-from ...common.text import quoted
+from ...common.errors import SwingupError, attribute, described, errors_named_after, quoted
 
 Answer = Callable[[np.ndarray, float], Any]
 

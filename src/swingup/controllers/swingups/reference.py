@@ -11,11 +11,11 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from ...common import __version__
 from ...common.arrays import load_arrays, save_arrays
 from ...common.checks import positive_number
 from ...common.errors import SwingupError
 from ...common.table import read_table, write_columns
-from ...common.version import __version__
 from ...plant.robots import Robot, get_robot
 from ...plant.units import DAMPING, STATE, TIME, TORQUE
 

@@ -11,7 +11,7 @@ from pathlib import PurePosixPath
 
 import numpy as np
 
-from ...common.version import __version__
+from ...common import __version__
 from ...policy.network.layers import require_portable
 from ...policy.pendulum import PendulumPolicy
 from ..folder import NAME, check_export_name

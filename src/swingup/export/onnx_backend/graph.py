@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from ...common import __version__
 from ...common.errors import needing
-from ...common.version import __version__
 from ...policy.network.layers import FLOAT32_SUM_WIDTH, STATE, Layer, require_portable
 from ...policy.network.stages import NormaliseStage, PendulumStage
 from ...policy.pendulum import PendulumPolicy

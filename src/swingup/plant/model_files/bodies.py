@@ -12,8 +12,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from ...common.errors import SwingupError
-from ...common.text import quoted
+from ...common.errors import SwingupError, quoted
 from .frames import Frame, Vector, unit
 
 TURNED_ANGLE = 1e-3

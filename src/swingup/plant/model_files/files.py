@@ -15,11 +15,10 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from ...common import __version__
 from ...common.checks import one_of
-from ...common.errors import SwingupError
+from ...common.errors import SwingupError, one_line
 from ...common.files import write_atomically
-from ...common.text import one_line
-from ...common.version import __version__
 from ...common.xml_tree import attributes_of, read_tree
 from .bodies import READINGS, Model, without_rotors
 from .mjcf import AT_SPEED, read_mjcf

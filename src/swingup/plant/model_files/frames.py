@@ -5,8 +5,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from ...common.errors import SwingupError
-from ...common.text import quoted
+from ...common.errors import SwingupError, quoted
 from ...common.xml_tree import Attributes
 
 Vector: TypeAlias = np.ndarray

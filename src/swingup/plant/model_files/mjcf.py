@@ -12,8 +12,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ...common.errors import SwingupError
-from ...common.text import one_line, quoted
+from ...common.errors import SwingupError, one_line, quoted
 from ...common.xml_tree import Attributes
 from .bodies import Body, Hinge, Model, Part, check_driven, double_pendulum, one_gear
 from .frames import TURNS, Frame, mjcf_rotation, turn_onto, unit

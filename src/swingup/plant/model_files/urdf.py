@@ -10,8 +10,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ...common.errors import SwingupError
-from ...common.text import quoted
+from ...common.errors import SwingupError, quoted
 from ...common.xml_tree import Attributes, attributes_of
 from .bodies import Body, Hinge, Model, Part, check_driven, double_pendulum, one_gear
 from .frames import Frame, rpy_frame, unit
