@@ -17,10 +17,9 @@ from typing import Any
 import numpy as np
 
 import swingup
-from swingup.identification.fit.scoring import error_row, score_windows
-from swingup.identification.log.recording import Recording, read_recording
-from swingup.identification.log.segments import FIT_LENGTH, INTERVAL, Segments, cut_windows, join
-from swingup.identification.log.smoothing import smooth
+from swingup.identification.recording import Recording, read_recording
+from swingup.identification.scoring import error_row, score_windows
+from swingup.identification.segments import FIT_LENGTH, INTERVAL, Segments, cut_windows, join, smooth
 from swingup.plant.plant import Plant
 
 # None of them has types.

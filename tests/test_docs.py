@@ -25,7 +25,6 @@ from swingup.cli import commands, judging, main
 from swingup.cli.parsing import _options
 from swingup.cli.parsing import parse as parse_words
 from swingup.controllers.baselines.baselines import Design, shipped_reference
-from swingup.identification.excite import excite
 from swingup.learner.presets import PRESETS
 from swingup.policy.shipped import shipped_file
 from swingup.report import make
@@ -131,7 +130,7 @@ def brief_searches(monkeypatch):
     """Searches that end before they found much: whether they find it is for the tests of each of them."""
     found = {problem: shipped_reference("acrobot", problem)[0] for problem in ("published", "score")}
     monkeypatch.setattr(Design, "compute", lambda self, problem, seed: (found[problem], {}))
-    monkeypatch.setattr(excite, "CHECKED_PLANTS", 8)
+    monkeypatch.setattr(excitation, "CHECKED_PLANTS", 8)
 
 
 @pytest.mark.slow

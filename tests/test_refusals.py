@@ -28,7 +28,7 @@ from swingup.controllers.stack.controller import policy_of
 from swingup.controllers.stack.policy import Policy
 from swingup.export.c_backend.header import c_header
 from swingup.gym import PendulumEnv, PendulumVectorEnv
-from swingup.identification.excite.excite import excite
+from swingup.identification.excitation import excite
 from swingup.learner.run_settings import RunSettings
 from swingup.loop.domain import load_domain
 from swingup.loop.on_plant import loop_around

@@ -18,7 +18,7 @@ from swingup.areapo.checkpoint import load_checkpoint, read_metadata
 from swingup.benchmark.recording import load_trajectory
 from swingup.controllers.swingups.reference import load_reference, load_reference_csv
 from swingup.export.c_backend.header import c_header
-from swingup.identification.log.recording import read_recording
+from swingup.identification.recording import read_recording
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run_settings import read_run_settings
 from swingup.loop.domain import load_domain

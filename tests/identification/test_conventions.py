@@ -9,9 +9,9 @@ from scipy.io import savemat
 from synthetic import HEADER, TRUTH, simulate, write
 
 from refusals import refusal
-from swingup.identification.fit.conventions import check_columns, find_columns
-from swingup.identification.fit.prediction import integration_of, vector_of
-from swingup.identification.log.recording import read_recording
+from swingup.identification.conventions import check_columns, find_columns
+from swingup.identification.prediction import integration_of, vector_of
+from swingup.identification.recording import read_recording
 from swingup.plant.plant import load_plant
 
 NAMES = HEADER.split(",")

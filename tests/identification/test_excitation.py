@@ -10,13 +10,21 @@ from swingup import identify, load_plant
 from swingup.cli import main, pendulums
 from swingup.common.table import write_columns
 from swingup.controllers.swingups.reference import load_reference_csv
-from swingup.identification.excite import excite as search
-from swingup.identification.excite import rollouts
-from swingup.identification.excite.rollouts import Sequences, corner_models, draw_models, simulate
-from swingup.identification.excite.waves import PERIOD, REST, SHARES, TILTS, multisines
-from swingup.identification.fit.prediction import INDEX, integration_of, vector_of
-from swingup.identification.log.recording import read_recording
+from swingup.identification import excitation as search
+from swingup.identification.excitation import (
+    PERIOD,
+    REST,
+    SHARES,
+    TILTS,
+    Sequences,
+    corner_models,
+    draw_models,
+    multisines,
+    simulate,
+)
 from swingup.identification.plant_domain import prior_around
+from swingup.identification.prediction import INDEX, integration_of, vector_of
+from swingup.identification.recording import read_recording
 from swingup.identification.results import TITLES
 from swingup.loop.domain import make_domain
 
@@ -113,7 +121,7 @@ def _quick(monkeypatch):
     """Few plants, few strengths and small batches."""
     monkeypatch.setattr(search, "CHECKED_PLANTS", 4)
     monkeypatch.setattr(search, "STRENGTHS", np.array([0.6, 0.3]))
-    monkeypatch.setattr(rollouts, "LANES", 32)
+    monkeypatch.setattr(search, "LANES", 32)
 
 
 SMALL = make_domain({"plant": "C.1", "cf1": [0.1, 0.2], "m1": [0.5, 0.55], "delay": [0.0, 0.004]})

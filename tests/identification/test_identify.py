@@ -11,10 +11,11 @@ from synthetic import OFFSETS, TRUTH, simulate, write
 
 import swingup
 from refusals import refusal
-from swingup.identification.fit import bootstrap, prediction
-from swingup.identification.fit.fit import Evaluator, linearise
-from swingup.identification.fit.prediction import INDEX, integration_of, vector_of
-from swingup.identification.fit.unknowns import Problem
+from swingup.identification import fit as bootstrap
+from swingup.identification import prediction
+from swingup.identification.fit import Evaluator, linearise
+from swingup.identification.prediction import INDEX, integration_of, vector_of
+from swingup.identification.unknowns import Problem
 from swingup.loop.domain import load_domain
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.plant import load_plant

@@ -5,9 +5,9 @@ import pytest
 from synthetic import HEADER, QUANTUM, write
 
 from refusals import refusal
-from swingup.identification.fit.scoring import ErrorRow, score_windows, summarise
-from swingup.identification.log.recording import read_recording
-from swingup.identification.log.smoothing import smooth
+from swingup.identification.recording import read_recording
+from swingup.identification.scoring import ErrorRow, score_windows, summarise
+from swingup.identification.segments import smooth
 
 TIME = np.arange(0, 3, 0.002)
 ANGLES = np.column_stack([np.sin(3 * TIME), 0.5 * np.cos(5 * TIME)])

@@ -10,14 +10,20 @@ import yaml
 from refusals import refusal
 from swingup.benchmark.log_comparison import close_loop, compare
 from swingup.cli import main
-from swingup.identification.fit import prediction
-from swingup.identification.fit.prediction import INDEX, integration_of, vector_of
-from swingup.identification.fit.scoring import prediction_errors, score_windows, summarise
+from swingup.identification import prediction
 from swingup.identification.identify import Identification
-from swingup.identification.log.recording import read_recording
-from swingup.identification.log.segments import INTERVAL, Segments, cut_windows
-from swingup.identification.open_loop import by_speed, predict_log, predicted_curves
+from swingup.identification.prediction import INDEX, integration_of, vector_of
+from swingup.identification.recording import read_recording
 from swingup.identification.results import Estimates
+from swingup.identification.scoring import (
+    by_speed,
+    predict_log,
+    predicted_curves,
+    prediction_errors,
+    score_windows,
+    summarise,
+)
+from swingup.identification.segments import INTERVAL, Segments, cut_windows
 from swingup.loop.domain import make_domain
 from swingup.plant.robots import ROBOTS
 from swingup.report.draw import draw

@@ -11,11 +11,11 @@ import numpy as np
 from ..common.errors import SwingupError
 from ..controllers.registry import designs_for, get_controller
 from ..dynamics.angles import wrap_difference
-from ..identification.fit.conventions import check_columns
-from ..identification.fit.prediction import integration_of, vector_of
-from ..identification.log.recording import Recording, read_recording
-from ..identification.log.segments import Segments, cut_windows
-from ..identification.open_loop import OpenLoop, predict_log, predicted_curves
+from ..identification.conventions import check_columns
+from ..identification.prediction import integration_of, vector_of
+from ..identification.recording import Recording, read_recording
+from ..identification.scoring import OpenLoop, predict_log, predicted_curves
+from ..identification.segments import Segments, cut_windows
 from ..loop.domain import Domain
 from ..loop.on_plant import loop_around
 from ..plant.robots import Robot, get_robot

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from ..common.checks import LARGEST_NUMBER
 from ..dynamics.angles import wrap_difference
 from ..dynamics.integrate import rk4_steps, stable_substeps
-from ..identification.log.log_checks import SLOPE_WINDOW, slopes_of
+from ..identification.log_checks import SLOPE_WINDOW, slopes_of
 from ..plant.equations import lump
 from ..plant.plant import LEADERBOARD, Plant, load_plant
 from ..plant.robots import Robot

@@ -11,7 +11,7 @@ from tyro.conf import UseAppendAction, arg
 from ..benchmark.log_comparison import compare
 from ..common.errors import SwingupError, one_line, quoted
 from ..common.files import check_writable
-from ..identification.excite.excite import excite
+from ..identification.excitation import excite
 from ..identification.identify import identify
 from ..identification.plant_domain import prior_around
 from ..loop.domain import load_domain

@@ -15,16 +15,15 @@ from ..common.errors import SwingupError, one_line
 from ..common.files import write_map
 from ..plant.plant import Plant, PlantLike, load_plant
 from ..plant.save import representative, save_plant
-from .fit.bootstrap import draw_solutions
-from .fit.conventions import check_columns, mass_notes
-from .fit.fit import WARM_STAGES, Fit, fit, fit_all, fit_start, pulled
-from .fit.prediction import NAMES, Integration, integration_of, vector_of
-from .fit.scoring import Errors, hold_out, prediction_errors, score_windows, summarise
-from .fit.unknowns import Problem, known_entries, session_numbers
-from .log.recording import Recording, read_recording, sensors
-from .log.segments import FIT_LENGTH, Segments, cut_windows, join
+from .conventions import check_columns, mass_notes
+from .fit import WARM_STAGES, Fit, draw_solutions, fit, fit_all, fit_start, pulled
 from .plant_domain import domain_of
+from .prediction import NAMES, Integration, integration_of, vector_of
+from .recording import Recording, read_recording, sensors
 from .results import TITLES, Estimates, make_notes, read_solution
+from .scoring import Errors, hold_out, prediction_errors, score_windows, summarise
+from .segments import FIT_LENGTH, Segments, cut_windows, join
+from .unknowns import Problem, known_entries, session_numbers
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from typing import Any
 from ..common.errors import SwingupError
 from ..loop.domain import Domain, make_domain
 from ..plant.plant import Plant
-from .fit.prediction import INDEX, LEAST_LAG, vector_of
-from .fit.unknowns import MASSES
+from .prediction import INDEX, LEAST_LAG, vector_of
+from .unknowns import MASSES
 
 Range = tuple[float, float]
 

@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from ..plant.base_parameters import BASE_NAMES
-from .fit.prediction import INDEX, NAMES
-from .fit.unknowns import MASSES, Problem, Unknowns
-from .log.recording import Recording
+from .prediction import INDEX, NAMES
+from .recording import Recording
+from .unknowns import MASSES, Problem, Unknowns
 
 TITLES = {"A": "I1 + m2 l1^2", "B": "I2", "m2r2": "m2 r2", "k": "m1 r1 + m2 l1", "gain1": "torque gain"}
 """Names of a model's entries in results; the others keep theirs. Of A, results have what link 1 adds: A - B."""

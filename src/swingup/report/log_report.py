@@ -11,14 +11,22 @@ from ..benchmark.criteria import CAUSES
 from ..benchmark.log_comparison import ClosedLoop, Comparison
 from ..benchmark.result import Result
 from ..benchmark.rollout import Trajectory
-from ..identification.fit.prediction import INDEX
-from ..identification.fit.scoring import LENGTH, ErrorRow, prediction_errors
-from ..identification.fit.unknowns import LATENCY
 from ..identification.identify import Identification
-from ..identification.log.recording import Recording
-from ..identification.log.segments import INTERVAL, Segments
-from ..identification.open_loop import SPEED_HORIZON, OpenLoop, fastest_speeds, predicted_curves, smoothed
+from ..identification.prediction import INDEX
+from ..identification.recording import Recording
 from ..identification.results import WIDEST_INTERVAL
+from ..identification.scoring import (
+    LENGTH,
+    SPEED_HORIZON,
+    ErrorRow,
+    OpenLoop,
+    fastest_speeds,
+    predicted_curves,
+    prediction_errors,
+    smoothed,
+)
+from ..identification.segments import INTERVAL, Segments
+from ..identification.unknowns import LATENCY
 from ..loop.domain import Domain
 from ..plant.robots import get_robot
 from .figure import DASHED, DOTS, LINE, THIN, Curve, Figure, Panel

@@ -12,18 +12,20 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...common.columns import Column, suggest_columns
-from ...common.errors import SwingupError
-from ...common.table import Table, read_table
-from .episodes import continued, cut_episodes, one_clock
+from ..common.columns import Column, suggest_columns
+from ..common.errors import SwingupError
+from ..common.table import Table, read_table
 from .log_checks import (
     LEAST_ROWS,
     SLOWEST_PERIOD,
     check_fresh,
     check_motion,
     check_time,
+    continued,
+    cut_episodes,
     find_warnings,
     longest_step,
+    one_clock,
     slopes_of,
 )
 

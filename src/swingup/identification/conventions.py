@@ -15,14 +15,14 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ...common.columns import DEGREE, NEEDS_CONSTANT, TURN, UNITS, Column, unit_of, unit_size
-from ...common.errors import SwingupError
-from ..log.log_checks import slopes_of
-from ..log.recording import Recording
-from ..log.segments import Segments
+from ..common.columns import DEGREE, NEEDS_CONSTANT, TURN, UNITS, Column, unit_of, unit_size
+from ..common.errors import SwingupError
+from .log_checks import slopes_of
 from .prediction import INDEX, Integration
+from .recording import Recording
 from .regression import AS_IS, LEAST_SPANS, Reading, Solution, cut_spans, regress
 from .scoring import prediction_skill
+from .segments import Segments
 from .unknowns import KNOWN_NAMES, MASSES, Problem
 
 LIKELIER_COST = math.log(2.0)

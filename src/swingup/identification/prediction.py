@@ -20,12 +20,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...common import cores
-from ...dynamics.implicit_friction import implicit_step
-from ...plant.base_parameters import BASE_NAMES, Geometry, base_parameters, friction_of, geometry_of, lumped
-from ...plant.equations import COULOMB_STEEPNESS
-from ...plant.plant import Plant
-from ..log.segments import HISTORY, INTERVAL, TORQUE_STEP, Segments
+from ..common import cores
+from ..dynamics.implicit_friction import implicit_step
+from ..plant.base_parameters import BASE_NAMES, Geometry, base_parameters, friction_of, geometry_of, lumped
+from ..plant.equations import COULOMB_STEEPNESS
+from ..plant.plant import Plant
+from .segments import HISTORY, INTERVAL, TORQUE_STEP, Segments
 
 NAMES = (*BASE_NAMES, "offset1", "offset2", "gain1", "gain2", "delay", "lag")
 """Entries of a model's vector, in order: θ, and the loop (rad, s)."""

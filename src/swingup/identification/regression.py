@@ -18,14 +18,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import lsq_linear
 
-from ...plant.base_parameters import BASE, BASE_NAMES, lumped
-from ...plant.equations import mass_entries
-from ...plant.maths import ARRAYS
-from ...plant.momentum import momentum_rows
-from ..log.recording import Recording
-from ..log.segments import LEAST_SPEED, Segments, cut
-from ..log.smoothing import REACH
+from ..plant.base_parameters import BASE, BASE_NAMES, lumped
+from ..plant.equations import mass_entries
+from ..plant.maths import ARRAYS
+from ..plant.momentum import momentum_rows
 from .prediction import INDEX, Integration
+from .recording import Recording
+from .segments import LEAST_SPEED, REACH, Segments, cut
 from .unknowns import expectations
 
 SPAN = 0.05

@@ -16,11 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...common.checks import finite_number, one_of
-from ...common.errors import SwingupError
-from ...plant.base_parameters import BASE_NAMES
-from ..log.recording import Recording
+from ..common.checks import finite_number, one_of
+from ..common.errors import SwingupError
+from ..plant.base_parameters import BASE_NAMES
 from .prediction import INDEX, LEAST_LAG, NAMES, Integration
+from .recording import Recording
 
 MASSES = ("A", "B", "m2r2", "k", "Ir")
 KNOWN_NAMES = {

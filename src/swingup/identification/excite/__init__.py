@@ -1,1 +1,0 @@
-"""Motions that show the parameters, within limits that are checked over a prior."""

@@ -1,1 +1,0 @@
-"""Parameters from recordings: prediction, regression, fit, intervals and scores."""

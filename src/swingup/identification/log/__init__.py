@@ -1,1 +1,0 @@
-"""Recordings: read, checked, smoothed and cut into windows."""
