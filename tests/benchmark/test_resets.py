@@ -9,10 +9,16 @@ import pytest
 from swingup.benchmark.boards import BOARDS
 from swingup.benchmark.uptime_board import draw_cell
 from swingup.loop.domain import load_domain
-from swingup.loop.supervisors.cell import Cell, CellSettings, Disturbances, example_disturbances
-from swingup.loop.supervisors.limits import Limits, Stop
-from swingup.loop.supervisors.resets import Resets
-from swingup.loop.supervisors.throws import Thrower
+from swingup.loop.supervisors import (
+    Cell,
+    CellSettings,
+    Disturbances,
+    Limits,
+    Resets,
+    Stop,
+    Thrower,
+    example_disturbances,
+)
 from swingup.plant.plant import LEADERBOARD
 from swingup.plant.robots import get_robot
 

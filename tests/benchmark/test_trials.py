@@ -15,7 +15,7 @@ from swingup.benchmark.interval import interquartile_interval, interquartile_mea
 from swingup.benchmark.recording import recorded
 from swingup.benchmark.rollout import Record, Scenario, Trajectory
 from swingup.loop.domain import make_domain
-from swingup.loop.supervisors.limits import Limits
+from swingup.loop.supervisors import Limits
 from swingup.plant.robots import get_robot
 
 from .controllers import FRICTION, HANGING, SWINGING, swinging

@@ -12,8 +12,8 @@ from swingup.benchmark.boards import ICRA_REAL, UPTIME
 from swingup.benchmark.plausibility import examine
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.uptime_board import draw_resets, draw_throws
-from swingup.loop.supervisors.limits import Limits
-from swingup.loop.supervisors.throws import TURNS, thrown_states
+from swingup.loop.starts import TURNS, thrown_states
+from swingup.loop.supervisors import Limits
 from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.plant.robots import get_robot
 

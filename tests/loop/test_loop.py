@@ -10,11 +10,19 @@ import numpy as np
 import pytest
 
 from swingup.benchmark.rollout import Scenario, apply_torque, initial_loop, measure
-from swingup.loop import effects
-from swingup.loop.disturbance import Pushes, measured_state, motor_torques, step_noise, step_period, undisturbed
+from swingup.loop import disturbance as effects
+from swingup.loop.disturbance import (
+    Effects,
+    Pushes,
+    Times,
+    measured_state,
+    motor_torques,
+    step_noise,
+    step_period,
+    undisturbed,
+)
 from swingup.loop.domain import PLANT, SESSIONS, load_domain, make_domain
 from swingup.loop.draw import draw
-from swingup.loop.effects import Effects, Times
 from swingup.loop.loop import LONGEST_PERIOD, Loop
 from swingup.plant.robots import get_robot
 

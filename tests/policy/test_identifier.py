@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import lfilter
 
 from swingup.controllers.stack.maths import JAX
-from swingup.loop.effects import late_period
+from swingup.loop.disturbance import late_period
 from swingup.loop.loop import Loop
 from swingup.plant.base_parameters import BASE, base_parameters
 from swingup.plant.damped import Friction, damped_midpoint_step

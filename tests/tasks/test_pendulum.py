@@ -14,7 +14,7 @@ from swingup.benchmark.boards import SIM2REAL
 from swingup.dynamics.angles import UPRIGHT
 from swingup.dynamics.integrate import rk4_step
 from swingup.loop.domain import load_domain, make_domain
-from swingup.loop.supervisors.throws import thrown_states
+from swingup.loop.starts import thrown_states
 from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.plant.robots import ROBOTS
 from swingup.tasks.pendulum import PendulumState

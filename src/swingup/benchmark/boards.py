@@ -5,9 +5,7 @@ import math
 
 from ..common.checks import one_of
 from ..common.errors import SwingupError
-from ..loop.supervisors.cell import CellSettings
-from ..loop.supervisors.limits import Limits
-from ..loop.supervisors.throws import Thrower
+from ..loop.supervisors import CellSettings, Limits, Thrower
 from .board import AbstractBoard
 from .robustness_board import RobustnessBoard
 from .rules import Normalisers, PushRules

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..loop.supervisors.limits import Limits
+from ..loop.supervisors import Limits
 from .rules import Normalisers
 
 if TYPE_CHECKING:

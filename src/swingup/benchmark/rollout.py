@@ -20,17 +20,19 @@ from ..dynamics.integrate import rk4_steps
 from ..loop.disturbance import (
     Disturbance,
     Past,
+    Times,
     loaded,
     measured_state,
+    motor_side,
     motor_torques,
     remember,
     sample_gap,
+    start_times,
     step_noise,
     step_period,
 )
-from ..loop.effects import Times, motor_side, start_times
 from ..loop.loop import LOOP_DT
-from ..loop.supervisors.supervisor import AbstractSupervisor, Intervention, no_intervention
+from ..loop.supervisors import AbstractSupervisor, Intervention, no_intervention
 from ..plant.plant import Plant
 
 Rows: TypeAlias = Any

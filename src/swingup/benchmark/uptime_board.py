@@ -9,11 +9,18 @@ import numpy as np
 
 from ..dynamics.integrate import stable_substeps
 from ..loop.draw import draw
-from ..loop.supervisors.cell import Cell, CellSettings, example_disturbances
-from ..loop.supervisors.limits import Limits, Stop
-from ..loop.supervisors.resets import Resets
-from ..loop.supervisors.supervisor import AbstractSupervisor
-from ..loop.supervisors.throws import THROWER, Thrower, Throws
+from ..loop.supervisors import (
+    THROWER,
+    AbstractSupervisor,
+    Cell,
+    CellSettings,
+    Limits,
+    Resets,
+    Stop,
+    Thrower,
+    Throws,
+    example_disturbances,
+)
 from ..plant.plant import Plant
 from ..plant.units import TIME, scaled, scales_of
 from .board import AbstractBoard, Case, Run, Setting, Summary, summed_scores

@@ -31,7 +31,7 @@ from ..plant.plant import (
     make_plant,
     validated,
 )
-from .effects import Effects
+from .disturbance import Effects
 from .loop import LONGEST_PERIOD, LOOP_DT, PERFECT_LOOP, VALUES, Loop
 
 MOTORS = ("tl1", "tl2")

@@ -23,7 +23,7 @@ from ..common.types import Scalar, State
 from ..controllers.interface.controller import AbstractController
 from ..controllers.stack.controller import PolicyController
 from ..dynamics.integrate import stable_substeps
-from ..loop.supervisors.throws import anywhere_states, thrown_states
+from ..loop.starts import anywhere_states, thrown_states
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..plant.robots import Robot
 from .objective import SCORE_RULES, EpisodeWeights, Measures, bound_adjoint, measure_episode

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..common.types import Flag, Key, Scalar, State
 from ..controllers.stack.controller import PolicyController, plant_of
 from ..dynamics.integrate import rk4_step
-from ..loop.supervisors.throws import anywhere_states, thrown_states
+from ..loop.starts import anywhere_states, thrown_states
 from ..plant.base_parameters import BASE_NAMES
 from ..plant.plant import Plant
 from ..plant.robots import Robot

@@ -15,7 +15,7 @@ from ..controllers.interface.controller import AbstractController
 from ..controllers.stack.controller import PolicyController, plant_of
 from ..controllers.stack.regulator import RegulatingController, with_regulator
 from ..dynamics.angles import UPRIGHT
-from ..loop.supervisors.throws import thrown_states
+from ..loop.starts import thrown_states
 from ..plant.plant import Plant
 from ..policy.regulator.core import Loop
 from ..policy.regulator.settings import RegulatorSettings

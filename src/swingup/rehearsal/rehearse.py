@@ -18,7 +18,7 @@ from ..common.errors import SwingupError
 from ..controllers.interface.python_controller import PythonController
 from ..loop.domain import Domain
 from ..loop.on_plant import NO_LOOP
-from ..loop.supervisors.limits import Limits
+from ..loop.supervisors import Limits
 from ..plant.plant import PlantLike
 from ..plant.robots import Robot, get_robot
 from ..policy.plant_facts import plant_difference

@@ -11,7 +11,7 @@ from ..common.checks import one_of
 from ..common.errors import SwingupError
 from ..dynamics.angles import wrap_difference
 from ..dynamics.integrate import stable_substeps
-from ..loop.supervisors.throws import anywhere_states, thrown_states
+from ..loop.starts import anywhere_states, thrown_states
 from ..plant.plant import LEADERBOARD, PlantLike, load_plant
 from ..plant.robots import Robot, get_robot
 from ..plant.units import STATE, scaled, scales_of
