@@ -22,8 +22,8 @@ import swingup
 from swingup.areapo.config import Config
 from swingup.benchmark.boards import BOARDS
 from swingup.cli import commands, judging, main
-from swingup.cli.parsing import _options
-from swingup.cli.parsing import parse as parse_words
+from swingup.cli.commands import _options
+from swingup.cli.commands import parse as parse_words
 from swingup.controllers.baselines.baselines import Design, shipped_reference
 from swingup.learner.presets import PRESETS
 from swingup.policy.shipped import shipped_file

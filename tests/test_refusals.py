@@ -21,7 +21,7 @@ from swingup.benchmark.disturbances import DisturbanceSettings
 from swingup.benchmark.robustness_board import change_grid
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import PushRules
-from swingup.cli.plotting import plot_command
+from swingup.cli.exporting import plot_command
 from swingup.common.errors import one_line, quoted
 from swingup.controllers.baselines.baselines import baseline, shipped_reference
 from swingup.controllers.stack.controller import policy_of

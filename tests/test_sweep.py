@@ -27,8 +27,7 @@ from swingup.learner.run_settings import make_run_settings, read_run_settings
 from swingup.learner.start import start_run
 from swingup.sweep import runs
 from swingup.sweep import search as search_module
-from swingup.sweep.runs import Job, parse_alternatives, plan_jobs, run_jobs, summarise, train_one
-from swingup.sweep.workers import workers_for
+from swingup.sweep.runs import Job, parse_alternatives, plan_jobs, run_jobs, summarise, train_one, workers_for
 
 SIZE_WORDS = ["num_envs=2", "num_steps=16", "num_epochs=1", "batch_size=32", "policy_layers=8", "value_layers=8"]
 TINY = {name: parse_alternatives(name, text) for name, text in (word.split("=") for word in SIZE_WORDS)}

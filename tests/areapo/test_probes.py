@@ -12,8 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.areapo import algorithm, reward_scale, terminations
+from swingup.areapo import algorithm, rewards
 from swingup.areapo.config import Config
+from swingup.areapo.state import reward_unit
 from swingup.learner.presets import PRESETS
 
 from .probes import Bowl, Constant, Cycle, Levers, Ring, Switch, Trap, Walk, best_squashed_gaussian
@@ -62,14 +63,14 @@ def test_the_gains_are_right_after_three_rollouts(preset):
     cheap = {"num_envs": 4, "num_epochs": 1, "policy_layers": (8,), "value_layers": (8,)}
     config = dataclasses.replace(config, **cheap, batch_size=4 * config.num_steps)
     two = [0.0, 2.0, 0.0, 2.0]  # two states with the mean 1 and v(1) - v(0) = 1
-    for rewards, offset, ends in [([1.0] * 4, 0.0, 0), ([1.0] * 4, 1000.0, 0), (two, -100.0, 0), (two, 0.0, 1)]:
-        task = Ring(offset=offset, rewards=jnp.array(rewards), ends=jnp.array(ends > 0))
+    for paid, offset, ends in [([1.0] * 4, 0.0, 0), ([1.0] * 4, 1000.0, 0), (two, -100.0, 0), (two, 0.0, 1)]:
+        task = Ring(offset=offset, rewards=jnp.array(paid), ends=jnp.array(ends > 0))
         state, _ = advance(init(jax.random.key(0), task, config), task, config, 2)
         state, metrics = advance(state, task, config, 1)
         # Every fourth step has an end, where there are ends.
         expected = 1.0 + offset - ends * float(metrics.reset_cost) / 4
         assert float(metrics.gain) == pytest.approx(expected, rel=0.05)
-        unit = float(reward_scale.reward_unit(state))
+        unit = float(reward_unit(state))
         soft = config.temperature * unit * float(metrics.entropy)
         assert float(metrics.entropy_gain) == pytest.approx(soft, rel=0.05)
         assert (float(metrics.reset_cost) > 0) or not ends
@@ -171,7 +172,7 @@ def test_a_reset_cost_is_the_multiplier_of_a_rate_of_terminations():
 
 @pytest.mark.slow
 def test_the_reset_cost_ends_at_zero_where_the_target_permits_the_best_policy(monkeypatch):
-    monkeypatch.setattr(terminations, "TERMINATION_TARGET", 0.95)
+    monkeypatch.setattr(rewards, "TERMINATION_TARGET", 0.95)
     # Without a cost the odds are exp(1 / 0.5), a probability of 0.88.
     state, metrics = learn(Trap(), temperature=0.5, terminations="adaptive_cost", reset_cost=1.0)
     assert float(state.reset_cost) == 0.0

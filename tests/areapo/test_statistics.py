@@ -10,10 +10,16 @@ import pytest
 
 from swingup.areapo import algorithm
 from swingup.areapo.config import Config
-from swingup.areapo.reward_scale import deviation, fading_sums, reward_unit, scale_rewards
-from swingup.areapo.state import Rollout
-from swingup.areapo.statistics import RunningStatistics, running_statistics
-from swingup.areapo.terminations import COST_STEP, TERMINATION_TARGET, adapted_cost, charge_resets
+from swingup.areapo.rewards import (
+    COST_STEP,
+    TERMINATION_TARGET,
+    adapted_cost,
+    charge_resets,
+    fading_sums,
+    scale_rewards,
+)
+from swingup.areapo.state import Rollout, reward_unit
+from swingup.areapo.statistics import RunningStatistics, deviation, running_statistics
 
 from .probes import Trap, Walk
 

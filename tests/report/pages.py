@@ -13,7 +13,7 @@ from swingup.benchmark.rollout import Trajectory
 from swingup.controllers.stack.controller import policy_of
 from swingup.plant.plant import LEADERBOARD
 from swingup.plant.robots import ROBOTS, Robot
-from swingup.report.make import LIVE_NOTE, Section, Show, describe_disturbance, make_show
+from swingup.report.page import LIVE_NOTE, Section, Show, describe_disturbance, make_show
 
 NASTY = "</script><img src=x onerror=alert(1)> $$x^2$$"
 """A controller's name that must be shown as it is."""

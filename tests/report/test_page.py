@@ -12,8 +12,7 @@ from swingup.controllers.registry import get_controller
 from swingup.plant.plant import LEADERBOARD
 from swingup.plant.robots import ROBOTS
 from swingup.report import make
-from swingup.report.make import Section, Show
-from swingup.report.page import render_page
+from swingup.report.page import Section, Show, render_page
 
 from .pages import EVIL, NASTY, make_board, make_evil_section, parts_of
 

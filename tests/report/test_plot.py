@@ -11,7 +11,7 @@ from refusals import refusal
 from swingup.benchmark.recording import save_trajectory
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import CRITERIA
-from swingup.cli.plotting import plot_command
+from swingup.cli.exporting import plot_command
 from swingup.plant.robots import ROBOTS
 from swingup.report import figures
 from swingup.report.draw import draw, render

@@ -17,14 +17,22 @@ from ..common.types import Count, Key, Scalar
 from ..tasks.task import AbstractTask, strongly_typed
 from .config import Config
 from .initial import begin_episodes, fit_deviation, init_learner
-from .keys import COLLECT, IMPROVE, NEXT
-from .metrics import LossMetrics, Metrics, make_metrics
 from .networks import AnyActor, Critic, sample_actions
 from .optimisation import adapted_step, make_optimiser, scheduled, shuffled
-from .reward_scale import scale_rewards
-from .state import Frames, LearnerState, Rollout, reset_ended
+from .rewards import charge_resets, scale_rewards, values_after
+from .state import (
+    COLLECT,
+    IMPROVE,
+    NEXT,
+    Frames,
+    LearnerState,
+    LossMetrics,
+    Metrics,
+    Rollout,
+    make_metrics,
+    reset_ended,
+)
 from .statistics import mean, pair_mean, standardise
-from .terminations import charge_resets, values_after
 
 Task = AbstractTask[Any]
 Pair = Float[Array, "2"]

@@ -1,5 +1,6 @@
 """The state between iterations, the rollout of one iteration, and the frames to learn from."""
 
+from enum import IntEnum
 from typing import Any
 
 import equinox as eqx
@@ -11,7 +12,24 @@ from jaxtyping import Array, Bool, Float, Shaped
 from ..common.types import Count, Key, Scalar
 from ..tasks.task import AbstractTask
 from .networks import AnyActor, Critic
-from .statistics import RunningStatistics, mean
+from .statistics import RunningStatistics, deviation, mean
+
+COLLECT, IMPROVE, NEXT = range(3)
+"""Purposes of the key of an iteration; the last one gives the key of the next iteration."""
+
+
+class Purpose(IntEnum):
+    """The consumers of a seed, each with a root of its own."""
+
+    TRAINING = 0
+    EVALUATION = 1
+    PREDICTION = 2
+    FAULT_SEARCH = 3
+
+
+def root_key(seed: int, purpose: Purpose) -> Key:
+    """The key from which all randomness of a consumer follows."""
+    return jax.random.fold_in(jax.random.key(seed), purpose)
 
 
 class LearnerState(eqx.Module):
@@ -90,4 +108,81 @@ def reset_ended(task: AbstractTask[Any], ended: Bool[Array, "envs"], states: Any
     # Few steps have a reset. All environments draw one then, and always where seeds run side by side.
     return jax.lax.cond(
         jnp.any(ended), lambda: jax.tree.map(choose, jax.vmap(task.reset)(keys), states), lambda: states
+    )
+
+
+def reward_unit(state: LearnerState) -> Scalar:
+    """σ, the deviation of the sums; that of a step's rewards where it is greater, as where they do not vary."""
+    return jnp.maximum(deviation(state.reward_statistics), jnp.sqrt(state.sum_statistics.variance))
+
+
+class LossMetrics(eqx.Module):
+    """The terms of a minibatch's loss, and how far the policy moved."""
+
+    policy_loss: Scalar
+    value_loss: Scalar
+    entropy_value_loss: Scalar
+    approximate_kl: Scalar
+    clip_fraction: Scalar
+
+
+class Metrics(eqx.Module):
+    """Means over the frames of an iteration."""
+
+    reward: Scalar
+    """Reward of a step."""
+    entropy: Scalar
+    """-log π of the sampled actions (nats)."""
+    gain: Scalar
+    """ρ after its update."""
+    entropy_gain: Scalar
+    """ρ_H after its update, in units of the reward."""
+    value: Scalar
+    """Mean of v before any centring."""
+    entropy_value: Scalar
+    """Mean of v_H before any centring."""
+    gradient_norm: Scalar
+    """Joint norm before clipping."""
+    termination_rate: Scalar
+    """Terminations a step: resets of the task itself."""
+    truncation_rate: Scalar
+    """Truncations a step, without those of a step that also terminates: the task would continue."""
+    reset_cost: Scalar
+    """What a termination cost, where it costs something (units of the reward)."""
+    losses: LossMetrics
+
+    def as_dict(self) -> dict[str, float]:
+        """Flat, as Python floats."""
+        values = vars(self) | vars(self.losses)
+        return {name: float(value) for name, value in values.items() if name != "losses"}
+
+
+def make_metrics(
+    state: LearnerState,
+    rollout: Rollout,
+    cost: Scalar,
+    value_means: Float[Array, "2"],
+    losses: LossMetrics,
+    gradient_norm: Scalar,
+) -> Metrics:
+    """The metrics of one iteration, over the frames that count.
+
+    The rollout is as it was collected, the state that after the iteration. Means of values are on the scale of the
+    rewards that are learned on, as the state's gains are.
+    """
+    unit = reward_unit(state)
+    gains, values = state.gains * unit, value_means * unit
+    truncated = rollout.truncated & ~rollout.terminated
+    return Metrics(
+        reward=mean(rollout.rewards, rollout.counted),
+        entropy=-mean(rollout.log_probs, rollout.counted),
+        gain=gains[0],
+        entropy_gain=gains[1],
+        value=values[0],
+        entropy_value=values[1],
+        gradient_norm=gradient_norm,
+        termination_rate=termination_rate(rollout),
+        truncation_rate=mean(truncated.astype(jnp.float32), rollout.counted),
+        reset_cost=cost,
+        losses=losses,
     )

@@ -1,11 +1,12 @@
 """Arguments that several commands share."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypedDict
 
 from tyro.conf import arg
+from tyro.constructors import PrimitiveConstructorSpec
 
 from ..common.checks import one_of
 from ..common.errors import SwingupError, one_line
@@ -13,12 +14,24 @@ from ..common.files import check_suffix, check_writable
 from ..plant.model_files.files import read_model
 from ..plant.plant import LEADERBOARD, PLANT_FILES, SHIPPED_PLANTS, Plant, is_model_file, load_plant
 from ..plant.robots import Robot, get_robot
-from .parsing import value_of
 
 
 def optional(text: str, metavar: str | None = None) -> Any:
     """An option that may be left out, without tyro's "(default: None)": the text says what then happens."""
     return arg(metavar=metavar, help=text, help_behavior_hint="")
+
+
+def value_of(make: Callable[..., Any], metavar: str, words: Any = 1) -> PrimitiveConstructorSpec[Any]:
+    """How tyro makes a value from so many words, ``"*"`` for any; a SwingupError of ``make`` is the command's."""
+    return PrimitiveConstructorSpec(
+        nargs=words,
+        metavar=metavar,
+        instance_from_str=lambda typed: make(*typed),
+        is_instance=lambda value: True,
+        str_from_instance=lambda value: [
+            getattr(each, "name", str(each)) for each in (value if isinstance(value, tuple) else (value,))
+        ],
+    )
 
 
 def word_of(kind: str, *words: str) -> Any:

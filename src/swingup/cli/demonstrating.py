@@ -15,11 +15,9 @@ from ..learner.run import Run
 from ..learner.run_folder import BEST
 from ..plant.robots import ROBOTS, Robot
 from ..policy.shipped import load_policy
-from ..report.make import trained_section
-from ..report.page import page_template, render_page
+from ..report.page import page_template, render_page, trained_section
 from .arguments import RobotName
-from .output import Progress, tell
-from .parsing import program_typed
+from .output import Progress, program_typed, tell
 from .results import comparison_lines
 from .training import start_training, train_shown
 

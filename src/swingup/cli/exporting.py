@@ -1,4 +1,4 @@
-"""The commands ``export`` and ``rehearse``: controllers for other programs, and their rehearsal in a simulation."""
+"""The commands ``plot``, ``export`` and ``rehearse``: pictures, controllers for other programs, and rehearsals."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -8,10 +8,10 @@ from typing import Annotated, Any
 from tyro.conf import arg
 
 from ..benchmark.boards import SIM2REAL, swing_up_board
-from ..benchmark.recording import save_trajectory
+from ..benchmark.recording import driven_robot, load_trajectory, save_trajectory
 from ..common.checks import check_seeds, one_of, positive_number
 from ..common.errors import SwingupError, command_line
-from ..common.files import check_writable, write_atomically
+from ..common.files import check_suffix, check_writable, write_atomically
 from ..controllers.baselines.baselines import BASELINES, DESIGN_SEED, design_of, shipped_reference
 from ..controllers.baselines.own_units import in_real_units
 from ..controllers.swingups.reference import save_reference, save_reference_csv
@@ -19,6 +19,7 @@ from ..export.c_backend.header import c_header
 from ..export.folder import FORMS as FOLDERS
 from ..export.folder import NAME, cloudpendulum_guard, cloudpendulum_notes, export_folder
 from ..export.onnx_backend.graph import onnx_model
+from ..learner.metrics import read_metrics
 from ..plant.robots import Robot
 from ..policy.guard.settings import GuardSettings, choose_guard
 from ..policy.pendulum import PendulumPolicy
@@ -27,7 +28,17 @@ from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_policy
 from ..rehearsal.process import CALLING_TIME
 from ..rehearsal.rehearse import rehearse
 from ..rehearsal.result import Rehearsal, spread
-from .arguments import NO_OPTIONS, DomainName, FileName, PlantOptions, RobotName, plant_of, word_of
+from ..report.draw import FIGURE_FORMATS, draw, render
+from ..report.figures import (
+    curves_figure,
+    make_labels,
+    phase_figure,
+    read_robustness,
+    robustness_figure,
+    trajectory_figure,
+)
+from ..report.film import FILM_FORMATS, FPS, SIZE, animate
+from .arguments import NO_OPTIONS, DomainName, FileName, Names, PlantOptions, RobotName, plant_of, word_of
 from .output import Progress, tell, tell_json
 from .results import aligned, result_lines
 
@@ -207,3 +218,59 @@ def rehearsal_lines(found: Rehearsal) -> list[str]:
     if found.late:
         lines.append(f"  The simulation itself was late {found.late} times: close other programs and repeat.")
     return lines if found.difference is None else [*lines, f"  {found.difference}"]
+
+
+PLOT_KINDS = ("trajectory", "phase", "animation", "robustness", "curve")
+
+
+def plot_command(
+    kind: Annotated[str, arg(metavar="KIND")],
+    files: Annotated[tuple[str, ...], arg(metavar="FILE...")],
+    /,
+    out: str,
+    robot: RobotName | None = None,
+    plant: PlantOptions = NO_OPTIONS,
+    columns: Names = (),
+    fps: float = FPS,
+    size: int = SIZE,
+    speed: float = 1.0,
+) -> None:
+    """Draw figures from files: .png, .svg or .pdf; animations: .gif or .webp.
+
+    Args:
+        kind: trajectory, phase or animation, from CSV files; robustness, from the JSON of evaluate --board
+            robustness --json; or curve, from metrics.jsonl.
+        files: the files to draw.
+        out: the picture's file.
+        robot: the robot of the trajectories; by default the one whose driven joint alone has torque.
+        plant: the trajectories' pendulum: its lengths and its torque limit.
+        columns: names and units of the trajectories' columns, as of score.
+        fps: frames a second of an animation.
+        size: height of an animation (pixels).
+        speed: speed of an animation; 1 is real time.
+    """
+    check_writable(out)
+    one_of("kind of plot", kind, PLOT_KINDS)
+    if not files:
+        raise SwingupError("nothing to draw: give at least one file")
+    suffix, found = check_suffix(out, FILM_FORMATS if kind == "animation" else FIGURE_FORMATS), plant_of(plant)
+    labels = make_labels(files)
+    if kind == "robustness":
+        figure = robustness_figure(dict(zip(labels, map(read_robustness, files), strict=True)))
+    elif kind == "curve":
+        figure = curves_figure(dict(zip(labels, map(read_metrics, files), strict=True)))
+    else:
+        trajectories = [load_trajectory(file, columns) for file in files]
+        robots = [robot or driven_robot(file, rows.u) for file, rows in zip(files, trajectories, strict=True)]
+        if kind == "animation":
+            animate(list(zip(trajectories, robots, strict=True)), out, fps, size, speed, found)
+            tell(out)
+            return
+        for file, other in zip(files, robots, strict=True):
+            if other != robots[0]:
+                of = f"{files[0]} is of the {robots[0].name}, {file} of the {other.name}"
+                raise SwingupError(f"{of}: draw two pictures")
+        named = dict(zip(labels, trajectories, strict=True))
+        figure = phase_figure(named, robots[0]) if kind == "phase" else trajectory_figure(named, robots[0], found)
+    write_atomically(out, render(draw(figure), suffix))
+    tell(out)

@@ -25,11 +25,19 @@ from ..loop.loop import LOOP_DT
 from ..plant.plant import Plant
 from ..plant.robots import ROBOTS, Robot, get_robot
 from ..policy.shipped import DEFAULT
-from ..report.make import make_section
-from ..report.page import render_page
-from .arguments import NO_OPTIONS, DomainName, FileName, Names, PlantOptions, RobotName, optional, plant_of
+from ..report.page import make_section, render_page
+from .arguments import (
+    NO_OPTIONS,
+    DomainName,
+    FileName,
+    Names,
+    PlantOptions,
+    RobotName,
+    optional,
+    plant_of,
+    value_of,
+)
 from .output import Progress, foreign_prints_apart, tell, tell_json
-from .parsing import value_of
 from .results import TABLE_FORMATS, judged_name, result_lines, show_tables
 
 EVERY_ROBOT = tuple(ROBOTS.values())

@@ -2,9 +2,12 @@
 
 import contextlib
 import json
+import shlex
+import shutil
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
@@ -17,6 +20,7 @@ from rich.table import Column, Table
 
 from ..common.errors import duration, printable
 
+PROGRAM = "swingup"
 WIDEST = 1000
 """No table needs more columns of text than this."""
 SECONDS_BETWEEN_LINES = 10.0
@@ -62,6 +66,15 @@ def tell_table(
 def foreign_prints_apart() -> contextlib.AbstractContextManager[object]:
     """Foreign controllers print to standard error, so that their lines do not mix with results."""
     return contextlib.redirect_stdout(sys.stderr)
+
+
+def program_typed() -> str:
+    """The program as it can be typed: its name, its path where no active environment has it, or the module."""
+    started = Path(sys.argv[0])
+    if started.name != PROGRAM:
+        return f"{shlex.quote(sys.executable)} -m {PROGRAM}"
+    found = shutil.which(PROGRAM)
+    return PROGRAM if found and Path(found).resolve() == started.resolve() else shlex.quote(str(started))
 
 
 class Progress:

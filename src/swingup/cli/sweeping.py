@@ -14,9 +14,8 @@ from ..common.errors import SwingupError, quoted
 from ..learner.rates import RESETS, REWARD_RATE, shown_rate
 from ..learner.run_folder import RunFolder
 from ..learner.run_settings import make_run_settings
-from ..sweep.runs import Job, Row, describe, parse_alternatives, plan_jobs, run_jobs, summarise
+from ..sweep.runs import Job, Row, describe, parse_alternatives, plan_jobs, run_jobs, summarise, workers_for
 from ..sweep.search import best_trial, search
-from ..sweep.workers import workers_for
 from .arguments import NO_OPTIONS, PlantOptions, RobotName, plant_of, task_name
 from .output import Progress, tell, tell_json, tell_table
 from .training import RunOptions

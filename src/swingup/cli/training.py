@@ -26,9 +26,8 @@ from ..learner.run import Run
 from ..learner.run_folder import BEST, LAST, result_on_disk
 from ..learner.run_settings import is_continuing, make_run_settings, read_run_settings
 from ..learner.start import resume_run, start_run
-from .arguments import NO_OPTIONS, PlantOptions, RobotName, optional, plant_of, task_name
-from .output import Progress, tell, tell_table
-from .parsing import program_typed, value_of
+from .arguments import NO_OPTIONS, PlantOptions, RobotName, optional, plant_of, task_name, value_of
+from .output import Progress, program_typed, tell, tell_table
 from .results import judged_name, plant_note, result_lines
 
 

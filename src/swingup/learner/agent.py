@@ -10,7 +10,7 @@ import numpy as np
 
 from ..areapo.checkpoint import save_checkpoint
 from ..areapo.config import Config
-from ..areapo.keys import Purpose, root_key
+from ..areapo.state import Purpose, root_key
 from ..common.checks import whole_number
 from ..common.errors import SwingupError, quoted
 from ..controllers.stack.policy import Policy, act

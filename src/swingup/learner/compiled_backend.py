@@ -14,9 +14,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from ..areapo import algorithm
 from ..areapo.config import Config
-from ..areapo.keys import Purpose, root_key
-from ..areapo.metrics import Metrics
-from ..areapo.state import LearnerState
+from ..areapo.state import LearnerState, Metrics, Purpose, root_key
 from ..common import cores
 from ..controllers.stack.policy import Policy
 from ..tasks.task import AbstractTask

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..areapo.keys import Purpose, root_key
+from ..areapo.state import Purpose, root_key
 from ..benchmark.judge import judge
 from ..common.errors import SwingupError
 from ..common.types import Flag, Key

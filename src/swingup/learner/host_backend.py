@@ -12,10 +12,8 @@ from jaxtyping import Array, Float
 from ..areapo import algorithm
 from ..areapo.config import Config
 from ..areapo.initial import begin_episodes, init_learner
-from ..areapo.keys import COLLECT, Purpose, root_key
-from ..areapo.metrics import Metrics
 from ..areapo.networks import ActionSample, AnyActor, sample_actions
-from ..areapo.state import LearnerState, Rollout
+from ..areapo.state import COLLECT, LearnerState, Metrics, Purpose, Rollout, root_key
 from ..areapo.statistics import RunningStatistics
 from ..common.errors import SwingupError
 from ..common.types import Key, fetch

@@ -21,8 +21,16 @@ from ..common.checks import is_number, whole_number
 from ..common.errors import SwingupError, needing, one_line, quoted
 from ..learner.run_folder import RunFolder
 from ..learner.run_settings import RunSettings, make_run_settings
-from .runs import MOST_RUNS, Row, describe_error, parse_alternatives, plan_variant, run_length, train_one
-from .workers import workers_for
+from .runs import (
+    MOST_RUNS,
+    Row,
+    describe_error,
+    parse_alternatives,
+    plan_variant,
+    run_length,
+    train_one,
+    workers_for,
+)
 
 if TYPE_CHECKING:
     import optuna

@@ -1,7 +1,16 @@
-"""What a termination means: what it costs where the task goes on from a new start, and which values follow it.
+"""What a termination means, and the unit of the rewards.
 
-The cost of a reset is that of ATRPO (arXiv 2106.07329). The values of what follows a step are those of the next row
-of the rollout, except where the task was reset.
+**Terminations.** A reset may cost reward where the task goes on from a new start (ATRPO, arXiv 2106.07329). The
+values of what follows a step are those of the next row of the rollout, except where the task was reset.
+
+**Unit.** The learner learns on rewards divided by the standard deviation of Σ (γλ)^k (r - mean r), so that values
+are near 1. The sum decays by γλ a step, as a δ does in an advantage. ``NormalizeReward`` of Gymnasium has γ alone,
+which average reward cannot have. In units of one step's deviation values are in the tens: their loss then rules the
+gradients' joint norm, and the policy hardly moves. The learner's gains, values and temperature are in this unit;
+the metrics are in the task's.
+
+Without gains nothing takes up a constant in the rewards, and discounted values would have to reach m / (1 - γ) for
+the mean m. There the running mean is subtracted, too (reward centring, arXiv 2405.09999).
 """
 
 from dataclasses import replace
@@ -13,8 +22,8 @@ from jaxtyping import Array, Bool, Float
 from ..common.types import Count, Scalar
 from .config import Config
 from .networks import Critic
-from .reward_scale import deviation
-from .state import LearnerState, Rollout, termination_rate
+from .state import LearnerState, Rollout, reward_unit, termination_rate
+from .statistics import deviation, mean
 
 TERMINATION_TARGET = 1e-3
 """f*: terminations a step that the adaptive cost permits (RVI-SAC, arXiv 2408.01972)."""
@@ -93,3 +102,49 @@ def _replaced(
     count = jnp.sum(flags)
     start = (jnp.array(0), values.reshape(-1, 2))
     return jax.lax.while_loop(lambda carry: carry[0] < count, put, start)[1].reshape(values.shape)
+
+
+def scale_rewards(state: LearnerState, rollout: Rollout, config: Config) -> tuple[LearnerState, Rollout]:
+    """Divide a rollout's rewards by the unit σ of all rewards so far; without gains, less their mean m.
+
+    ρ and v change with σ and m, so that they stay what they were in the task's units. ρ_H and v_H are in units of
+    σ, as the temperature is. Beside centred values an end of the task, after which nothing follows, has the value
+    -m / (1 - γ).
+    """
+    if not config.normalise_rewards:
+        return state, rollout
+    old, former = state.reward_statistics, reward_unit(state)
+    new = old.update_all(rollout.rewards, rollout.counted)
+    sums = state.sum_statistics.update_all(fading_sums(rollout, config), rollout.counted)
+    state = replace(state, reward_statistics=new, sum_statistics=sums)
+    # Before the first reward there is no unit: an untrained critic's values are in units of σ, whatever that is.
+    unit, known = reward_unit(state), old.count > 0
+    ratio, rewards, shift = jnp.where(known, former / unit, 1.0), rollout.rewards, jnp.zeros(())
+    if config.gain == "none":
+        forever = 1.0 / (1.0 - jnp.asarray(config.discount[0]))
+        shift = jnp.where(known, forever * (new.mean - old.mean) / unit, 0.0)
+        rewards = rewards - new.mean
+        if config.terminations == "end":
+            rewards = rewards - rollout.terminated * (forever - 1.0) * new.mean  # γ / (1 - γ) = 1 / (1 - γ) - 1
+    pair = jnp.stack([ratio, jnp.ones(())])
+    critic = state.critic.with_values(pair, jnp.stack([shift, jnp.zeros(())]))
+    state = replace(state, critic=critic, gains=state.gains * pair)
+    return state, replace(rollout, rewards=rewards / unit)
+
+
+def fading_sums(rollout: Rollout, config: Config) -> Float[Array, "steps envs"]:
+    """Σ (γλ)^k (r_{t-k} - m) over the steps of a rollout until each step, from 0 after a reset.
+
+    m is the rollout's mean. Beside the mean of all rewards so far, what the policy gained by learning would add up:
+    the unit would grow, and the temperature with it.
+    """
+    # Less the first reward, so that single precision keeps small differences of large rewards.
+    differences = rollout.rewards - rollout.rewards[0, 0]
+    centred = differences - mean(differences, rollout.counted)
+    fading = config.discount[0] * config.gae_lambda[0] * (1.0 - (rollout.terminated | rollout.truncated))
+
+    def add(before: Array, step: tuple[Array, Array]) -> tuple[Array, Array]:
+        total = before + step[0]
+        return total * step[1], total
+
+    return jax.lax.scan(add, jnp.zeros_like(centred[0]), (centred, fading))[1]
