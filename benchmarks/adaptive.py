@@ -41,7 +41,7 @@ from swingup.benchmark.rules import RANDOM
 from swingup.common.errors import SwingupError
 from swingup.common.files import write_atomically
 from swingup.controllers.registry import get_controller
-from swingup.plant.robots import ROBOTS
+from swingup.plant.plant import ROBOTS
 from swingup.policy.pendulum import read_pendulum_policy
 
 Rows = list[dict[str, Any]]

@@ -14,8 +14,7 @@ from swingup.benchmark.robustness_board import RobustnessBoard, upright
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.runner import stack
 from swingup.controllers.baselines.continuation import continue_swingups
-from swingup.plant.plant import Plant
-from swingup.plant.robots import Robot
+from swingup.plant.plant import Plant, Robot
 
 SAMPLE = 20
 """Plants that are not held, drawn from all sets."""

@@ -19,8 +19,7 @@ from swingup.controllers.interface.controller import AbstractController
 from swingup.controllers.stack.controller import make_controller
 from swingup.controllers.stack.estimator import EstimatingController
 from swingup.plant.base_parameters import BASE, base_parameters
-from swingup.plant.plant import LEADERBOARD, Plant, validated
-from swingup.plant.robots import Robot
+from swingup.plant.plant import LEADERBOARD, Plant, Robot, validated
 from swingup.plant.units import similar_plant
 from swingup.policy.identifier.settings import UNKNOWNS
 from swingup.policy.pendulum import PendulumPolicy

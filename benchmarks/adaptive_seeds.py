@@ -25,7 +25,7 @@ from swingup.benchmark.boards import ROBUSTNESS
 from swingup.benchmark.interval import mean_interval
 from swingup.common.errors import SwingupError
 from swingup.common.files import write_atomically
-from swingup.plant.robots import ROBOTS
+from swingup.plant.plant import ROBOTS
 from swingup.policy.pendulum import read_pendulum_policy
 
 Rows = dict[tuple[str, str], float]

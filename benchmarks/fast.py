@@ -20,7 +20,7 @@ from swingup.areapo.config import Config
 from swingup.benchmark.leaderboard import paper_score
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
-from swingup.plant.robots import get_robot
+from swingup.plant.plant import get_robot
 from swingup.tasks.presets import get_task
 
 FIRST_SEED = 6300

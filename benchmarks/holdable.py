@@ -27,10 +27,10 @@ from swingup.benchmark.runner import stack
 from swingup.controllers.stack.controller import make_controller
 from swingup.controllers.stack.estimator import EstimatingController
 from swingup.controllers.stack.regulator import TRIANGLE
-from swingup.dynamics.angles import UPRIGHT
+from swingup.dynamics.dynamics import UPRIGHT
 from swingup.loop.domain import Domain, load_domain
 from swingup.loop.draw import draw
-from swingup.plant.robots import ROBOTS, Robot
+from swingup.plant.plant import ROBOTS, Robot
 from swingup.plant.units import similar_plant
 from swingup.policy.pendulum import PendulumPolicy
 from swingup.policy.regulator.settings import RegulatorSettings, fixed_point

@@ -13,9 +13,8 @@ import dataclasses
 import numpy as np
 
 from swingup.controllers.baselines.lqr import linearised
-from swingup.dynamics.angles import UPRIGHT
-from swingup.plant.plant import Plant
-from swingup.plant.robots import Robot
+from swingup.dynamics.dynamics import UPRIGHT
+from swingup.plant.plant import Plant, Robot
 
 
 def holding_range(parameters: Plant, robot: Robot) -> float:

@@ -24,7 +24,7 @@ from scipy.linalg import expm, solve_discrete_are
 
 from swingup.export.c_backend.header import c_header
 from swingup.loop.domain import SESSIONS, load_domain
-from swingup.plant.robots import get_robot
+from swingup.plant.plant import get_robot
 from swingup.policy.guard.settings import choose_guard
 from swingup.policy.shipped import load_policy
 

@@ -21,7 +21,7 @@ from swingup.benchmark.leaderboard import published_rows
 from swingup.common.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
-from swingup.plant.robots import ROBOTS
+from swingup.plant.plant import ROBOTS
 
 FRAMES = get_preset("paper").frames
 """Of a complete run."""

@@ -21,15 +21,14 @@ import numpy as np
 from swingup.benchmark.judge import judge
 from swingup.common.files import write_atomically
 from swingup.controllers.registry import get_controller
-from swingup.dynamics.angles import UPRIGHT
-from swingup.dynamics.dynamics import linearise
+from swingup.dynamics.dynamics import UPRIGHT, linearise
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
 from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings
 from swingup.learner.start import resume_run, start_run
-from swingup.plant.plant import Plant, load_plant
-from swingup.plant.robots import ROBOTS, get_robot
-from swingup.plant.units import REFERENCE, scales_of, torque_over_gravity
+from swingup.plant.files import load_plant
+from swingup.plant.plant import ROBOTS, Plant, get_robot, torque_over_gravity
+from swingup.plant.units import REFERENCE, scales_of
 from swingup.tasks.presets import get_task
 
 PLANTS = ("A.0", "B.0", "C.0", "C.1", "cloudpendulum")

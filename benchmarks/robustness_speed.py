@@ -19,8 +19,7 @@ from swingup.benchmark.robustness_board import make_cases
 from swingup.benchmark.rules import CRITERIA
 from swingup.controllers.registry import get_controller
 from swingup.controllers.stack.controller import PolicyController
-from swingup.plant.plant import LEADERBOARD, Plant
-from swingup.plant.robots import get_robot
+from swingup.plant.plant import LEADERBOARD, Plant, get_robot
 
 SAMPLE = 2000
 """Steps that the peer is timed on."""

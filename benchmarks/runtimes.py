@@ -26,7 +26,7 @@ from swingup.controllers.registry import get_controller
 from swingup.controllers.stack.controller import policy_alone
 from swingup.export.c_backend.header import c_header
 from swingup.export.onnx_backend.graph import onnx_model
-from swingup.plant.plant import load_plant
+from swingup.plant.files import load_plant
 from swingup.policy.estimator.settings import EstimatorSettings
 from swingup.policy.guard.settings import GuardSettings
 from swingup.policy.identifier.settings import IdentifierSettings

@@ -11,7 +11,7 @@ import jax
 
 from swingup.areapo import algorithm
 from swingup.learner.presets import get_preset
-from swingup.plant.robots import get_robot
+from swingup.plant.plant import get_robot
 from swingup.tasks.acrobot_swingup import acrobot_practice
 from swingup.tasks.presets import get_task
 

@@ -29,8 +29,8 @@ from swingup.learner.run_settings import make_run_settings
 from swingup.learner.start import resume_run, start_run
 from swingup.loop.domain import Domain
 from swingup.loop.on_plant import drawn_around, loop_around
-from swingup.plant.plant import LEADERBOARD, Plant, load_plant, validated
-from swingup.plant.robots import ROBOTS, Robot
+from swingup.plant.files import load_plant
+from swingup.plant.plant import LEADERBOARD, ROBOTS, Plant, Robot, validated
 from swingup.plant.units import arm_scales, similar_plant
 from swingup.policy.pendulum import for_plant, write_pendulum_policy
 from swingup.policy.shipped import load_policy

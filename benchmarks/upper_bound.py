@@ -26,8 +26,7 @@ from swingup.benchmark.runner import stack
 from swingup.controllers.baselines.continuation import SwingUps, continue_swingups
 from swingup.controllers.baselines.switch import LatchingSwitch
 from swingup.controllers.interface.controller import split
-from swingup.plant.plant import Plant
-from swingup.plant.robots import ROBOTS
+from swingup.plant.plant import ROBOTS, Plant
 
 
 def simulated(

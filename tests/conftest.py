@@ -31,8 +31,7 @@ import pytest  # noqa: E402
 
 from swingup.benchmark.boards import ROBUSTNESS, UPTIME  # noqa: E402
 from swingup.benchmark.robustness_board import change_grid  # noqa: E402
-from swingup.plant.plant import NAMES  # noqa: E402
-from swingup.plant.robots import ROBOTS  # noqa: E402
+from swingup.plant.plant import NAMES, ROBOTS  # noqa: E402
 
 
 @pytest.fixture(params=list(ROBOTS.values()), ids=list(ROBOTS))

@@ -16,10 +16,9 @@ import swingup
 from swingup import AREAPO
 from swingup.benchmark.boards import ROBUSTNESS
 from swingup.controllers.baselines.lqr import linearised
-from swingup.dynamics.angles import UPRIGHT
+from swingup.dynamics.dynamics import UPRIGHT
 from swingup.plant.base_parameters import BASE, BASE_NAMES
-from swingup.plant.plant import LEADERBOARD
-from swingup.plant.robots import get_robot
+from swingup.plant.plant import LEADERBOARD, get_robot
 from swingup.report import draw
 from swingup.tasks.acrobot_swingup import AcrobotSwingup, magnified
 from swingup.tasks.pendulum import PendulumState

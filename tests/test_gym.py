@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 
 from refusals import refusal
 from swingup.gym import PendulumEnv, PendulumVectorEnv
-from swingup.plant.robots import get_robot
+from swingup.plant.plant import get_robot
 from swingup.tasks.presets import get_task
 
 IDS = {"acrobot": "swingup/Acrobot-v0", "pendubot": "swingup/Pendubot-v0"}

@@ -32,7 +32,7 @@ from swingup.identification.excitation import excite
 from swingup.learner.run_settings import RunSettings
 from swingup.loop.domain import load_domain
 from swingup.loop.on_plant import loop_around
-from swingup.plant.robots import ROBOTS
+from swingup.plant.plant import ROBOTS
 from swingup.plant.units import scales_of
 from swingup.policy.shipped import load_policy
 from swingup.refine.recipe import RECIPES, run_recipe

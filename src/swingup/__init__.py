@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from .identification.identify import Identification as Identification
     from .identification.identify import identify as identify
     from .learner.agent import AREAPO as AREAPO
+    from .plant.files import load_plant as load_plant
+    from .plant.files import save_plant as save_plant
     from .plant.measured import measured_plant as measured_plant
     from .plant.plant import Plant as Plant
-    from .plant.plant import load_plant as load_plant
-    from .plant.save import save_plant as save_plant
     from .policy.shipped import load_policy as load_policy
     from .rehearsal.rehearse import rehearse as rehearse
     from .rehearsal.result import Rehearsal as Rehearsal
@@ -54,12 +54,12 @@ _HOMES = {
     "Identification": "identification.identify",
     "judge": "benchmark.judge",
     "leaderboard": "benchmark.leaderboard",
-    "load_plant": "plant.plant",
+    "load_plant": "plant.files",
     "load_policy": "policy.shipped",
     "loop_controller": "controllers.interface.compiled",
     "measured_plant": "plant.measured",
     "rehearse": "rehearsal.rehearse",
-    "save_plant": "plant.save",
+    "save_plant": "plant.files",
     "score": "benchmark.judge",
     "search": "sweep.search",
 }

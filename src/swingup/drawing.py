@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from .common.errors import needing
-from .plant.robots import TORQUE_LIMIT
+from .plant.plant import TORQUE_LIMIT
 
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw

@@ -23,8 +23,7 @@ from .common.checks import whole_number
 from .common.errors import SwingupError, quoted
 from .common.types import Action, Key, Observation, State, fetch
 from .drawing import draw_frame
-from .plant.plant import LEADERBOARD, PlantLike
-from .plant.robots import ROBOTS
+from .plant.plant import LEADERBOARD, ROBOTS, PlantLike
 from .tasks.acrobot_swingup import IDS, AcrobotSwingup
 from .tasks.pendulum import DIVERGED_VELOCITY, AbstractPendulumTask, PendulumState
 from .tasks.presets import AnyPendulumTask, find_task

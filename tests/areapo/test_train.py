@@ -13,7 +13,7 @@ from swingup.areapo.config import Config
 from swingup.areapo.initial import fit_deviation, init_learner
 from swingup.areapo.optimisation import adapted_step
 from swingup.areapo.rewards import BOOTSTRAP_SIZE, charge_resets
-from swingup.plant.robots import ROBOTS
+from swingup.plant.plant import ROBOTS
 from swingup.tasks.presets import smooth_task
 from swingup.tasks.task import Spaces
 

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 
 from swingup.benchmark.rollout import Trajectory
-from swingup.plant.equations import coriolis, gravity, lump, mass_entries
-from swingup.plant.plant import LEADERBOARD
+from swingup.plant.equations import coriolis, gravity, mass_entries
+from swingup.plant.plant import LEADERBOARD, lump
 
 PLANT = lump(LEADERBOARD)
 ROWS = 5000

@@ -12,8 +12,8 @@ from swingup.benchmark.boards import ICRA_REAL, ROBUSTNESS, UPTIME
 from swingup.benchmark.boards import PERFORMANCE as BOARD
 from swingup.benchmark.plausibility import examine
 from swingup.benchmark.runner import prepare
-from swingup.plant.plant import LEADERBOARD, load_plant
-from swingup.plant.robots import get_robot
+from swingup.plant.files import load_plant
+from swingup.plant.plant import LEADERBOARD, get_robot
 from swingup.plant.units import scaled, scales_of
 
 from .forged import REST, moved

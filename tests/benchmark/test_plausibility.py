@@ -16,8 +16,8 @@ from swingup.benchmark.recording import load_trajectory
 from swingup.benchmark.rollout import Trajectory
 from swingup.cli import main
 from swingup.dynamics.integrate import rk4_step
-from swingup.plant.plant import LEADERBOARD, load_plant
-from swingup.plant.robots import get_robot
+from swingup.plant.files import load_plant
+from swingup.plant.plant import LEADERBOARD, get_robot
 
 from .forged import REST, TIME, changed, invented, moved, picked, scaled
 

@@ -19,8 +19,7 @@ from swingup.loop.supervisors import (
     Thrower,
     example_disturbances,
 )
-from swingup.plant.plant import LEADERBOARD
-from swingup.plant.robots import get_robot
+from swingup.plant.plant import LEADERBOARD, get_robot
 
 from .independent import ResetText, gravity
 

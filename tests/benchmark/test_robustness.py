@@ -20,8 +20,8 @@ from swingup.benchmark.rollout import Scenario
 from swingup.benchmark.rules import CRITERIA, RANDOM, PushRules, Sweep
 from swingup.benchmark.runner import run_many, stack
 from swingup.loop.disturbance import step_noise
-from swingup.plant.plant import LEADERBOARD, load_plant
-from swingup.plant.robots import ROBOTS, get_robot
+from swingup.plant.files import load_plant
+from swingup.plant.plant import LEADERBOARD, ROBOTS, get_robot
 
 from .controllers import BRIEF, SWINGING, V2, swinging
 from .independent import World, closed_loop, rk4

@@ -16,7 +16,7 @@ from swingup.benchmark.recording import recorded
 from swingup.benchmark.rollout import Record, Scenario, Trajectory
 from swingup.loop.domain import make_domain
 from swingup.loop.supervisors import Limits
-from swingup.plant.robots import get_robot
+from swingup.plant.plant import get_robot
 
 from .controllers import FRICTION, HANGING, SWINGING, swinging
 from .independent import World, closed_loop

@@ -14,8 +14,8 @@ from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.uptime_board import draw_resets, draw_throws
 from swingup.loop.starts import TURNS, thrown_states
 from swingup.loop.supervisors import Limits
-from swingup.plant.plant import LEADERBOARD, load_plant
-from swingup.plant.robots import get_robot
+from swingup.plant.files import load_plant
+from swingup.plant.plant import LEADERBOARD, get_robot
 
 from .controllers import FRICTION, Counting, PlainCounting
 from .independent import ResetText, Throw, World, closed_loop, gravity, rk4

@@ -13,7 +13,7 @@ from swingup.benchmark.leaderboard import Row, Table, published_rows
 from swingup.cli import judging, main
 from swingup.cli.results import TABLE_FORMATS, show_tables
 from swingup.controllers.stack.controller import save_controller
-from swingup.plant.robots import ROBOTS
+from swingup.plant.plant import ROBOTS
 
 KEYS = [
     "command", "robot", "controller", "estimator", "board", "plant", "torque_over_gravity", "seeds", "version",

@@ -16,10 +16,9 @@ from swingup.controllers.baselines.published import PUBLISHED_SETTINGS
 from swingup.controllers.baselines.switch import AbstractExpensiveController, LatchingSwitch
 from swingup.controllers.baselines.tracking import RiccatiController, tvlqr
 from swingup.controllers.swingups.reference import Reference
-from swingup.dynamics.angles import UPRIGHT
+from swingup.dynamics.dynamics import UPRIGHT
 from swingup.dynamics.integrate import rk4_step
-from swingup.plant.plant import LEADERBOARD
-from swingup.plant.robots import ROBOTS
+from swingup.plant.plant import LEADERBOARD, ROBOTS
 
 ACROBOT = ROBOTS["acrobot"]
 RANDOM = np.random.default_rng(0)

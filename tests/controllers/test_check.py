@@ -13,7 +13,7 @@ from swingup.controllers.interface.check import check_controller
 from swingup.controllers.interface.controller import AbstractController
 from swingup.controllers.interface.python_controller import PythonController, answer
 from swingup.controllers.registry import get_controller
-from swingup.plant.robots import ROBOTS, get_robot
+from swingup.plant.plant import ROBOTS, get_robot
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.shipped import load_policy
 from swingup.runtime import load_controller

@@ -19,10 +19,9 @@ from swingup.controllers.swingups.ilqr import (
 from swingup.controllers.swingups.riccati_passes import Cost
 from swingup.controllers.swingups.scalar_algebra import dot, unpack
 from swingup.controllers.swingups.transition import AbstractTransition, PendulumTransition
-from swingup.dynamics.angles import UPRIGHT
+from swingup.dynamics.dynamics import UPRIGHT
 from swingup.dynamics.integrate import rk4_step
-from swingup.plant.plant import LEADERBOARD
-from swingup.plant.robots import ROBOTS
+from swingup.plant.plant import LEADERBOARD, ROBOTS
 
 N = 20
 RANDOM = np.random.default_rng(0)

@@ -30,10 +30,10 @@ from swingup.controllers.baselines.published import PUBLISHED_SETTINGS
 from swingup.controllers.swingups import design
 from swingup.controllers.swingups.ilqr import Solution
 from swingup.controllers.swingups.reference import Reference
-from swingup.dynamics.angles import UPRIGHT
+from swingup.dynamics.dynamics import UPRIGHT
 from swingup.dynamics.integrate import rk4_step
-from swingup.plant.plant import LEADERBOARD, NAMES, load_plant
-from swingup.plant.robots import get_robot
+from swingup.plant.files import load_plant
+from swingup.plant.plant import LEADERBOARD, NAMES, get_robot
 from swingup.plant.units import scales_of
 
 ACROBOT = get_robot("acrobot")

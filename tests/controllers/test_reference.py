@@ -29,10 +29,9 @@ from swingup.controllers.swingups.reference import (
     save_reference_csv,
 )
 from swingup.controllers.swingups.transition import PendulumTransition, TorqueRateTransition
-from swingup.dynamics.angles import UPRIGHT
+from swingup.dynamics.dynamics import UPRIGHT
 from swingup.dynamics.integrate import rk4_step
-from swingup.plant.plant import LEADERBOARD
-from swingup.plant.robots import ROBOTS
+from swingup.plant.plant import LEADERBOARD, ROBOTS
 
 ACROBOT = ROBOTS["acrobot"]
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from swingup.dynamics import dynamics
-from swingup.dynamics.angles import UPRIGHT, wrap, wrap_difference
+from swingup.dynamics.dynamics import UPRIGHT, wrap, wrap_difference
 from swingup.dynamics.integrate import rk4_step
 from swingup.dynamics.trigonometry import arctan, sine_cosine
-from swingup.plant.plant import LEADERBOARD, NAMES, Plant, load_plant
-from swingup.plant.robots import ROBOTS
+from swingup.plant.files import load_plant
+from swingup.plant.plant import LEADERBOARD, NAMES, ROBOTS, Plant
 
 DATA = Path(__file__).parent / "data"
 PLANTS = {"identified": load_plant("C.1"), "leaderboard": LEADERBOARD.driven(ROBOTS["acrobot"])}

@@ -11,11 +11,11 @@ import pytest
 from scipy.special import ellipk
 
 from identification.synthetic import step as implicit_step
-from swingup.dynamics import implicit_friction
+from swingup.dynamics import integrate
 from swingup.dynamics.dynamics import mass_matrix
 from swingup.dynamics.integrate import friction_rate, rk4_step, rk4_steps, stable_substeps
-from swingup.plant.plant import LEADERBOARD, load_plant
-from swingup.plant.robots import ROBOTS
+from swingup.plant.files import load_plant
+from swingup.plant.plant import LEADERBOARD, ROBOTS
 
 DATA = Path(__file__).parent / "data"
 FRICTIONLESS = LEADERBOARD.driven(ROBOTS["acrobot"])
@@ -127,6 +127,6 @@ def test_four_steps_of_newton_are_near_the_root(monkeypatch):
     x[:, 2:] *= 10.0 ** random.uniform(-3, 1.3, (20_000, 2))
     u, found = random.uniform(-6.0, 6.0, (20_000, 2)), []
     for steps in (4, 12):
-        monkeypatch.setattr(implicit_friction, "NEWTON_STEPS", steps)
+        monkeypatch.setattr(integrate, "NEWTON_STEPS", steps)
         found.append(np.asarray(jax.jit(jax.vmap(lambda x, u: implicit_step(C1, x, u, 0.001)))(x, u)))
     assert np.abs(found[0] - found[1]).max() < 2e-5

@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swingup.dynamics.implicit_friction import implicit_step
-from swingup.plant.damped import Friction
-from swingup.plant.equations import lump
-from swingup.plant.plant import load_plant
+from swingup.dynamics.integrate import implicit_step
+from swingup.plant.equations import Friction
+from swingup.plant.files import load_plant
+from swingup.plant.plant import lump
 
 STEP = 0.001
 QUANTUM = 3.81e-4

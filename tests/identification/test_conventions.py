@@ -12,7 +12,7 @@ from refusals import refusal
 from swingup.identification.conventions import check_columns, find_columns
 from swingup.identification.prediction import integration_of, vector_of
 from swingup.identification.recording import read_recording
-from swingup.plant.plant import load_plant
+from swingup.plant.files import load_plant
 
 NAMES = HEADER.split(",")
 SETTING, START = integration_of(TRUTH), vector_of(load_plant("C.1"))

@@ -18,7 +18,7 @@ from swingup.identification.prediction import INDEX, integration_of, vector_of
 from swingup.identification.unknowns import Problem
 from swingup.loop.domain import load_domain
 from swingup.plant.base_parameters import base_parameters
-from swingup.plant.plant import load_plant
+from swingup.plant.files import load_plant
 
 BASE = ("m1 r1 + m2 l1", "m2 r2", "I1 + m2 l1^2", "I2", "Ir", "b1", "b2", "cf1", "cf2")
 

@@ -13,7 +13,7 @@ from policies import load_any_policy
 from refusals import refusal
 from swingup import AREAPO
 from swingup.gymnax import PendulumEnvironment
-from swingup.plant.robots import ROBOTS
+from swingup.plant.plant import ROBOTS
 from swingup.tasks.adapters import as_task
 from swingup.tasks.brax_task import BraxTask
 from swingup.tasks.envelope_task import EnvelopeTask

@@ -17,7 +17,7 @@ from refusals import refusal
 from swingup import AREAPO
 from swingup.common.errors import SwingupError
 from swingup.learner.metrics import read_metrics
-from swingup.plant.robots import ROBOTS
+from swingup.plant.plant import ROBOTS
 from swingup.tasks.presets import smooth_task
 
 from .environments import TINY, Failing, Lever, Noisy, Stairs, chains, stairs

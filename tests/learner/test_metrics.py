@@ -15,8 +15,8 @@ from swingup.controllers.stack.policy import Policy
 from swingup.learner.evaluators import SwingUpEvaluator
 from swingup.learner.metrics import MetricsWriter, read_metrics
 from swingup.learner.rates import RESETS, REWARD_RATE, describe_rates, step_time, training_resets
-from swingup.plant.plant import LEADERBOARD, load_plant
-from swingup.plant.robots import ROBOTS
+from swingup.plant.files import load_plant
+from swingup.plant.plant import LEADERBOARD, ROBOTS
 from swingup.policy.pendulum import read_pendulum_policy
 from swingup.policy.plant_facts import policy_plant
 from swingup.refine.recipe import run_recipe

@@ -10,7 +10,7 @@ from swingup.learner.memory import check_memory, training_bytes
 from swingup.learner.presets import choose_preset, get_preset
 from swingup.learner.run_settings import RunSettings
 from swingup.learner.start import start_run
-from swingup.plant.plant import load_plant
+from swingup.plant.files import load_plant
 from swingup.tasks.task import Spaces
 
 

@@ -22,7 +22,8 @@ from swingup.learner.run import Run
 from swingup.learner.run_folder import RunFolder
 from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings, run_settings_from_dict, write_run_settings
 from swingup.learner.start import resume_run, start_run
-from swingup.plant.plant import LEADERBOARD, load_plant
+from swingup.plant.files import load_plant
+from swingup.plant.plant import LEADERBOARD
 
 from .corridors import Corridor
 from .environments import Noisy

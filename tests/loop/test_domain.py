@@ -13,8 +13,8 @@ from swingup.loop.domain import PLANT, load_domain, make_domain
 from swingup.loop.draw import draw
 from swingup.loop.loop import VALUES
 from swingup.loop.on_plant import loop_around
-from swingup.plant.plant import load_plant
-from swingup.plant.robots import get_robot
+from swingup.plant.files import load_plant
+from swingup.plant.plant import get_robot
 
 ACROBOT = get_robot("acrobot")
 draw_one = jax.jit(draw, static_argnums=(0, 2))

@@ -24,7 +24,7 @@ from swingup.loop.disturbance import (
 from swingup.loop.domain import PLANT, SESSIONS, load_domain, make_domain
 from swingup.loop.draw import draw
 from swingup.loop.loop import LONGEST_PERIOD, Loop
-from swingup.plant.robots import get_robot
+from swingup.plant.plant import get_robot
 
 DT = 0.002
 SHIFTED = Loop(quantum1=0.5, offset1=0.1, offset2=-0.2)

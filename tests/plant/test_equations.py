@@ -21,10 +21,10 @@ from swingup.plant.base_parameters import (
     geometry_of,
     lumped,
 )
-from swingup.plant.equations import lump
-from swingup.plant.maths import ARRAYS, NUMPY
+from swingup.plant.equations import ARRAYS, NUMPY
+from swingup.plant.files import load_plant
 from swingup.plant.momentum import inertial_row, mean_arctan, momentum_rows
-from swingup.plant.plant import LEADERBOARD, load_plant
+from swingup.plant.plant import LEADERBOARD, lump
 
 RANDOM = np.random.default_rng(0)
 STATES = RANDOM.uniform(-1, 1, (200, 4)) * [7, 7, 12, 12]
@@ -118,7 +118,7 @@ def test_mean_of_friction(start, end):
 
 def test_base_parameters_hold_the_plant_and_have_the_covariance_of_drawn_ones():
     """The derivatives are exact in single changes: θ is linear in each parameter but r2, m2 and r1 together."""
-    assert lumped(base_parameters(PLANT), GEOMETRY) == pytest.approx(equations.lump(PLANT), rel=1e-14)
+    assert lumped(base_parameters(PLANT), GEOMETRY) == pytest.approx(lump(PLANT), rel=1e-14)
     columns = []
     for name in ("I1", "I2", "m2", "r1", "r2"):
         changed = dataclasses.replace(PLANT, **{name: 1.25 * getattr(PLANT, name)})

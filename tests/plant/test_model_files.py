@@ -12,8 +12,9 @@ from refusals import refusal
 from swingup import measured_plant, save_plant
 from swingup.loop.domain import load_domain
 from swingup.loop.on_plant import plant_as_domain
+from swingup.plant.files import SHIPPED_PLANTS, load_plant
 from swingup.plant.model_files.files import read_model
-from swingup.plant.plant import NAMES, SHIPPED_PLANTS, load_plant, make_plant
+from swingup.plant.plant import NAMES, make_plant
 
 DATA = Path(__file__).parent / "data"
 NOT_IN_URDF = {"l2", "Ir", "gr"}

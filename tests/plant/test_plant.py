@@ -13,9 +13,9 @@ import yaml
 from refusals import refusal
 from swingup.loop.domain import load_domain, make_domain
 from swingup.loop.draw import draw
+from swingup.plant.files import SHIPPED_PLANTS, load_plant
 from swingup.plant.measured import measured_plant
-from swingup.plant.plant import LEADERBOARD, SHIPPED_PLANTS, load_plant, validated
-from swingup.plant.robots import ROBOTS, get_robot
+from swingup.plant.plant import LEADERBOARD, ROBOTS, get_robot, torque_over_gravity, validated
 from swingup.plant.units import (
     ACCELERATION,
     DAMPING,
@@ -25,7 +25,6 @@ from swingup.plant.units import (
     Scales,
     scales_of,
     similar_plant,
-    torque_over_gravity,
 )
 
 C1 = load_plant("C.1")

@@ -14,11 +14,9 @@ from swingup.controllers.stack.controller import PolicyController, make_controll
 from swingup.controllers.stack.policy import Policy
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.base_parameters import base_parameters
-from swingup.plant.damped import damped_midpoint_step
-from swingup.plant.equations import lump
-from swingup.plant.maths import NUMPY
-from swingup.plant.plant import LEADERBOARD, load_plant
-from swingup.plant.robots import get_robot
+from swingup.plant.equations import NUMPY, damped_midpoint_step
+from swingup.plant.files import load_plant
+from swingup.plant.plant import LEADERBOARD, get_robot, lump
 from swingup.policy.estimator.settings import EstimatorSettings
 from swingup.policy.identifier.settings import IdentifierSettings
 from swingup.policy.network.layers import Layer

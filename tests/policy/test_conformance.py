@@ -10,7 +10,7 @@ import functools
 import numpy as np
 import pytest
 
-from swingup.dynamics.angles import UPRIGHT
+from swingup.dynamics.dynamics import UPRIGHT
 from swingup.plant.base_parameters import base_parameters
 from swingup.policy.numpy_backend.controller import numpy_controller
 

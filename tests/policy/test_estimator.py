@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmark.independent import derivative, rk4
-from swingup.plant.maths import NUMPY
+from swingup.plant.equations import NUMPY
 from swingup.plant.plant import LEADERBOARD
 from swingup.policy.estimator import core
 from swingup.policy.estimator.settings import POSITION_NOISE, EstimatorSettings, kalman_gains

@@ -13,8 +13,8 @@ from refusals import refusal
 from swingup.controllers.stack.controller import make_controller, policy_of, save_controller
 from swingup.controllers.stack.policy import Policy
 from swingup.export.c_backend.header import c_header
-from swingup.plant.plant import LEADERBOARD, load_plant
-from swingup.plant.robots import get_robot
+from swingup.plant.files import load_plant
+from swingup.plant.plant import LEADERBOARD, get_robot
 from swingup.policy.estimator.settings import EstimatorSettings
 from swingup.policy.file import read_network, write_network
 from swingup.policy.guard.settings import GuardSettings

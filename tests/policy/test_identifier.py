@@ -14,11 +14,8 @@ from swingup.controllers.stack.maths import JAX
 from swingup.loop.disturbance import late_period
 from swingup.loop.loop import Loop
 from swingup.plant.base_parameters import BASE, base_parameters
-from swingup.plant.damped import Friction, damped_midpoint_step
-from swingup.plant.equations import friction, lump
-from swingup.plant.maths import NUMPY
-from swingup.plant.plant import LEADERBOARD
-from swingup.plant.robots import get_robot
+from swingup.plant.equations import NUMPY, Friction, damped_midpoint_step, friction
+from swingup.plant.plant import LEADERBOARD, get_robot, lump
 from swingup.policy.estimator.settings import EstimatorSettings
 from swingup.policy.identifier import core
 from swingup.policy.identifier import settings as chosen

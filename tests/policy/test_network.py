@@ -13,7 +13,8 @@ from swingup.areapo.networks import Actor
 from swingup.controllers.stack.controller import policy_of, save_controller
 from swingup.controllers.stack.policy import Policy
 from swingup.plant.base_parameters import base_parameters
-from swingup.plant.plant import LEADERBOARD, load_plant
+from swingup.plant.files import load_plant
+from swingup.plant.plant import LEADERBOARD
 from swingup.policy.network.layers import Layer, Network, fold, largest_feature
 from swingup.policy.network.stages import PendulumStage, PlantStage
 from swingup.policy.numpy_backend.controller import numpy_controller

@@ -11,11 +11,9 @@ from swingup.controllers.registry import get_controller
 from swingup.controllers.stack.controller import policy_alone
 from swingup.loop.on_plant import drawn_around
 from swingup.plant.base_parameters import base_parameters
-from swingup.plant.damped import Friction, damped_midpoint_step
-from swingup.plant.equations import lump
-from swingup.plant.maths import NUMPY
-from swingup.plant.plant import LEADERBOARD, load_plant
-from swingup.plant.robots import get_robot
+from swingup.plant.equations import NUMPY, Friction, damped_midpoint_step
+from swingup.plant.files import load_plant
+from swingup.plant.plant import LEADERBOARD, get_robot, lump
 from swingup.plant.units import Scales, arm_scales, scales_of, similar_plant
 from swingup.policy.network.stages import PlantStage
 from swingup.policy.pendulum import for_plant

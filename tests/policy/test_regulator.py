@@ -14,11 +14,10 @@ from swingup.controllers.baselines.lqr import linearised
 from swingup.controllers.interface.controller import AbstractController, check_interface
 from swingup.controllers.stack.estimator import with_estimator
 from swingup.controllers.stack.regulator import with_regulator
-from swingup.dynamics.angles import UPRIGHT
+from swingup.dynamics.dynamics import UPRIGHT
 from swingup.plant.base_parameters import base_parameters, geometry_of, lumped
-from swingup.plant.maths import NUMPY
-from swingup.plant.plant import LEADERBOARD
-from swingup.plant.robots import ROBOTS, get_robot
+from swingup.plant.equations import NUMPY
+from swingup.plant.plant import LEADERBOARD, ROBOTS, get_robot
 from swingup.policy.identifier.settings import IdentifierSettings
 from swingup.policy.numpy_backend.regulator import held, regulator_loop
 from swingup.policy.plant_facts import policy_plant

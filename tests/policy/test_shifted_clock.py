@@ -9,7 +9,7 @@ import pytest
 
 import swingup
 from swingup.controllers.registry import get_controller
-from swingup.plant.maths import NUMPY
+from swingup.plant.equations import NUMPY
 from swingup.policy.estimator.core import compensation
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.numpy_backend.network import NumpyNetwork

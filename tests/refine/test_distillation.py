@@ -16,12 +16,11 @@ from swingup.controllers.baselines.continuation import ContinuationSettings, nom
 from swingup.controllers.stack.controller import PolicyController, policy_alone
 from swingup.controllers.stack.policy import Policy
 from swingup.controllers.stack.regulator import TRIANGLE
-from swingup.dynamics.angles import UPRIGHT
-from swingup.dynamics.dynamics import acceleration, gravity_torque
+from swingup.dynamics.dynamics import UPRIGHT, acceleration, gravity_torque
 from swingup.loop.on_plant import drawn_around, loop_around
 from swingup.plant.base_parameters import base_parameters
-from swingup.plant.plant import LEADERBOARD, NAMES, load_plant, validated
-from swingup.plant.robots import get_robot
+from swingup.plant.files import load_plant
+from swingup.plant.plant import LEADERBOARD, NAMES, get_robot, validated
 from swingup.plant.units import arm_scales, similar_plant
 from swingup.policy.regulator.settings import RegulatorSettings, fixed_point
 from swingup.policy.shipped import load_policy

@@ -14,9 +14,9 @@ from swingup.benchmark.judge import judge
 from swingup.benchmark.rollout import Trajectory
 from swingup.controllers.stack.controller import PolicyController
 from swingup.controllers.stack.policy import Policy
-from swingup.dynamics.angles import UPRIGHT
-from swingup.plant.plant import LEADERBOARD, load_plant
-from swingup.plant.robots import get_robot
+from swingup.dynamics.dynamics import UPRIGHT
+from swingup.plant.files import load_plant
+from swingup.plant.plant import LEADERBOARD, get_robot
 from swingup.refine import analytic_policy_gradient
 from swingup.refine.analytic_policy_gradient import (
     AnalyticPolicyGradient,

@@ -15,7 +15,8 @@ from swingup.benchmark.boards import PERFORMANCE
 from swingup.cli import main
 from swingup.export.cloudpendulum import CloudPendulumController
 from swingup.export.folder import cloudpendulum_guard, cloudpendulum_notes, export_folder
-from swingup.plant.plant import LEADERBOARD, load_plant
+from swingup.plant.files import load_plant
+from swingup.plant.plant import LEADERBOARD
 from swingup.policy.guard.settings import GuardSettings
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.plant_facts import policy_plant

@@ -2,7 +2,7 @@
 
 import pytest
 
-from swingup.plant.robots import ROBOTS
+from swingup.plant.plant import ROBOTS
 
 from .pages import make_section
 

@@ -3,10 +3,9 @@
 import numpy as np
 
 from swingup.common.table import write_columns
-from swingup.plant.damped import damped_midpoint_step
-from swingup.plant.equations import lump
-from swingup.plant.maths import NUMPY
-from swingup.plant.plant import load_plant
+from swingup.plant.equations import NUMPY, damped_midpoint_step
+from swingup.plant.files import load_plant
+from swingup.plant.plant import lump
 
 C1 = load_plant("C.1")
 

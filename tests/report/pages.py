@@ -11,8 +11,7 @@ from swingup.benchmark.boards import BOARDS
 from swingup.benchmark.leaderboard import OURS, Row, Table, published_rows
 from swingup.benchmark.rollout import Trajectory
 from swingup.controllers.stack.controller import policy_of
-from swingup.plant.plant import LEADERBOARD
-from swingup.plant.robots import ROBOTS, Robot
+from swingup.plant.plant import LEADERBOARD, ROBOTS, Robot
 from swingup.report.page import LIVE_NOTE, Section, Show, describe_disturbance, make_show
 
 NASTY = "</script><img src=x onerror=alert(1)> $$x^2$$"

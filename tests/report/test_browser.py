@@ -13,7 +13,8 @@ from swingup.benchmark.robustness_board import upright
 from swingup.benchmark.rules import CRITERIA
 from swingup.common.errors import one_line
 from swingup.dynamics.integrate import rk4_step
-from swingup.plant.plant import NAMES, load_plant
+from swingup.plant.files import load_plant
+from swingup.plant.plant import NAMES
 from swingup.report.page import render_page
 from swingup.runtime import load_controller
 

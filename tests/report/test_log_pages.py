@@ -25,7 +25,7 @@ from swingup.identification.scoring import (
 )
 from swingup.identification.segments import INTERVAL, Segments, cut_windows
 from swingup.loop.domain import make_domain
-from swingup.plant.robots import ROBOTS
+from swingup.plant.plant import ROBOTS
 from swingup.report.draw import draw
 from swingup.report.log_report import report_comparison, report_identification
 from swingup.report.page import render_log_page, save_log_report

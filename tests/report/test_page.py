@@ -9,8 +9,7 @@ import pytest
 from swingup.benchmark.rollout import Trajectory
 from swingup.common.errors import one_line
 from swingup.controllers.registry import get_controller
-from swingup.plant.plant import LEADERBOARD
-from swingup.plant.robots import ROBOTS
+from swingup.plant.plant import LEADERBOARD, ROBOTS
 from swingup.report import make
 from swingup.report.page import Section, Show, render_page
 

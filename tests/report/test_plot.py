@@ -12,7 +12,7 @@ from swingup.benchmark.recording import save_trajectory
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import CRITERIA
 from swingup.cli.exporting import plot_command
-from swingup.plant.robots import ROBOTS
+from swingup.plant.plant import ROBOTS
 from swingup.report import figures
 from swingup.report.draw import draw, render
 from swingup.report.figures import make_labels, unwrapped

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swingup.dynamics.integrate import rk4_step
-from swingup.plant.plant import load_plant
+from swingup.plant.files import load_plant
 from swingup.tasks.acrobot_swingup import (
     CAPSULES,
     MJCF,

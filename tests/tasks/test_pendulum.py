@@ -11,12 +11,12 @@ import pytest
 
 from swingup.benchmark.board import Setting
 from swingup.benchmark.boards import SIM2REAL
-from swingup.dynamics.angles import UPRIGHT
+from swingup.dynamics.dynamics import UPRIGHT
 from swingup.dynamics.integrate import rk4_step
 from swingup.loop.domain import load_domain, make_domain
 from swingup.loop.starts import thrown_states
-from swingup.plant.plant import LEADERBOARD, load_plant
-from swingup.plant.robots import ROBOTS
+from swingup.plant.files import load_plant
+from swingup.plant.plant import LEADERBOARD, ROBOTS
 from swingup.tasks.pendulum import PendulumState
 from swingup.tasks.presets import TASKS, get_task, paper_task, smooth_task
 

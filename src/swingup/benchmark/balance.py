@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..plant.equations import friction, gravity, lump, mass_entries
-from ..plant.plant import Plant
+from ..plant.equations import friction, gravity, mass_entries
+from ..plant.plant import Plant, lump
 
 MOMENTUM_WINDOW = 0.5
 """Time over which a joint's momentum is balanced (s): a push of the robots' boards adds 0.4 N m to its mean."""

@@ -7,8 +7,7 @@ from statistics import fmean
 from typing import Any, ClassVar
 
 from ..loop.domain import Domain
-from ..plant.plant import Plant
-from ..plant.robots import Robot
+from ..plant.plant import Plant, Robot
 from .criteria import Criteria, TipHistory
 from .disturbances import DisturbanceSettings
 from .interval import Interval, mean_interval

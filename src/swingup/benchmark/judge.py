@@ -15,8 +15,8 @@ from ..controllers.interface.controller import AbstractController
 from ..controllers.registry import has_estimator
 from ..loop.domain import Domain, load_domain
 from ..loop.on_plant import loop_around
-from ..plant.plant import LEADERBOARD, PlantLike, load_plant
-from ..plant.robots import Robot, get_robot
+from ..plant.files import load_plant
+from ..plant.plant import LEADERBOARD, PlantLike, Robot, get_robot
 from .board import AbstractBoard, Case, Run, Setting
 from .boards import BOARDS, get_board
 from .disturbances import DisturbanceSettings

@@ -12,8 +12,8 @@ from ..common.checks import check_seeds
 from ..common.errors import SwingupError
 from ..controllers.baselines.baselines import BASELINES
 from ..controllers.registry import designs_for, get_controller, has_estimator
-from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
-from ..plant.robots import Robot, get_robot
+from ..plant.files import load_plant
+from ..plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
 from ..policy.shipped import ADAPTIVE, AR_EAPO, GLOBAL
 from .board import AbstractBoard, Setting
 from .boards import BOARDS, PERFORMANCE, get_board

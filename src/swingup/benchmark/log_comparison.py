@@ -10,7 +10,7 @@ import numpy as np
 
 from ..common.errors import SwingupError
 from ..controllers.registry import designs_for, get_controller
-from ..dynamics.angles import wrap_difference
+from ..dynamics.dynamics import wrap_difference
 from ..identification.conventions import check_columns
 from ..identification.prediction import integration_of, vector_of
 from ..identification.recording import Recording, read_recording
@@ -18,7 +18,7 @@ from ..identification.scoring import OpenLoop, predict_log, predicted_curves
 from ..identification.segments import Segments, cut_windows
 from ..loop.domain import Domain
 from ..loop.on_plant import loop_around
-from ..plant.robots import Robot, get_robot
+from ..plant.plant import Robot, get_robot
 from .boards import HARDWARE
 from .judge import judge, score
 from .plausibility import HANGING

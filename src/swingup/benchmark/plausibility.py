@@ -16,12 +16,11 @@ import numpy as np
 from jaxtyping import Float
 
 from ..common.checks import LARGEST_NUMBER
-from ..dynamics.angles import wrap_difference
+from ..dynamics.dynamics import wrap_difference
 from ..dynamics.integrate import rk4_steps, stable_substeps
 from ..identification.log_checks import SLOPE_WINDOW, slopes_of
-from ..plant.equations import lump
-from ..plant.plant import LEADERBOARD, Plant, load_plant
-from ..plant.robots import Robot
+from ..plant.files import load_plant
+from ..plant.plant import LEADERBOARD, Plant, Robot, lump
 from ..plant.units import TIME, VELOCITY, Scales, scales_of
 from .balance import rows_in, running, unexplained
 from .board import AbstractBoard

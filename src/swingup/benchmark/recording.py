@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from ..common.errors import SwingupError
 from ..common.table import read_table, write_columns
-from ..plant.robots import ROBOTS, Robot
+from ..plant.plant import ROBOTS, Robot
 from .rollout import Trajectory
 
 START = 0.2

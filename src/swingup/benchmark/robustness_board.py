@@ -9,11 +9,10 @@ import numpy as np
 
 from ..common.checks import MOST_SEEDS, one_of
 from ..common.errors import SwingupError
-from ..dynamics.angles import upright_error
+from ..dynamics.dynamics import upright_error
 from ..dynamics.integrate import stable_substeps
 from ..loop.disturbance import Disturbance, undisturbed
-from ..plant.plant import LEADERBOARD, Plant, validated
-from ..plant.robots import Robot
+from ..plant.plant import LEADERBOARD, Plant, Robot, validated
 from ..plant.units import STATE, TIME, TORQUE, VELOCITY, scaled, scales_of
 from .board import AbstractBoard, Case, Run, Setting, Summary
 from .disturbances import draw_pushes, floored_delay_steps

@@ -24,8 +24,7 @@ from ..controllers.registry import Controller
 from ..controllers.stack.controller import PolicyController, plant_of, policy_of
 from ..controllers.stack.estimator import EstimatingController
 from ..controllers.stack.regulator import RegulatingController
-from ..plant.plant import Plant
-from ..plant.robots import Robot
+from ..plant.plant import Plant, Robot
 from ..policy.plant_facts import plant_difference
 from .rollout import (
     Record,

@@ -11,7 +11,7 @@ from ..dynamics.integrate import stable_substeps
 from ..loop.disturbance import Pushes, disturbance_as_dict
 from ..loop.draw import draw
 from ..loop.supervisors import Limits, Stop
-from ..plant.robots import Robot
+from ..plant.plant import Robot
 from ..plant.units import scaled, scales_of
 from .board import AbstractBoard, Case, Run, Setting, Summary, summed_scores
 from .columns import PERFORMANCE

@@ -11,9 +11,9 @@ from tyro.constructors import PrimitiveConstructorSpec
 from ..common.checks import one_of
 from ..common.errors import SwingupError, one_line
 from ..common.files import check_suffix, check_writable
+from ..plant.files import PLANT_FILES, SHIPPED_PLANTS, is_model_file, load_plant
 from ..plant.model_files.files import read_model
-from ..plant.plant import LEADERBOARD, PLANT_FILES, SHIPPED_PLANTS, Plant, is_model_file, load_plant
-from ..plant.robots import Robot, get_robot
+from ..plant.plant import LEADERBOARD, Plant, Robot, get_robot
 
 
 def optional(text: str, metavar: str | None = None) -> Any:

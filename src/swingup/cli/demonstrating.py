@@ -13,7 +13,7 @@ from ..controllers.stack.controller import policy_alone
 from ..learner.progress import TrainingReport
 from ..learner.run import Run
 from ..learner.run_folder import BEST
-from ..plant.robots import ROBOTS, Robot
+from ..plant.plant import ROBOTS, Robot
 from ..policy.shipped import load_policy
 from ..report.page import page_template, render_page, trained_section
 from .arguments import RobotName

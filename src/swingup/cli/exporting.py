@@ -20,7 +20,7 @@ from ..export.folder import FORMS as FOLDERS
 from ..export.folder import NAME, cloudpendulum_guard, cloudpendulum_notes, export_folder
 from ..export.onnx_backend.graph import onnx_model
 from ..learner.metrics import read_metrics
-from ..plant.robots import Robot
+from ..plant.plant import Robot
 from ..policy.guard.settings import GuardSettings, choose_guard
 from ..policy.pendulum import PendulumPolicy
 from ..policy.plant_facts import write_plant

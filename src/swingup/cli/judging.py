@@ -22,8 +22,7 @@ from ..controllers.interface.call_time import call_time, slow_call
 from ..controllers.interface.check import check_controller
 from ..controllers.registry import BUILT_IN, designs_for, get_controller
 from ..loop.loop import LOOP_DT
-from ..plant.plant import Plant
-from ..plant.robots import ROBOTS, Robot, get_robot
+from ..plant.plant import ROBOTS, Plant, Robot, get_robot
 from ..policy.shipped import DEFAULT
 from ..report.page import make_section, render_page
 from .arguments import (

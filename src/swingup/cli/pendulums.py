@@ -16,12 +16,10 @@ from ..identification.identify import identify
 from ..identification.plant_domain import prior_around
 from ..loop.domain import load_domain
 from ..loop.on_plant import plant_as_domain
+from ..plant.files import MODEL_FILES, PARAMETER_FILES, is_model_file, load_plant, save_plant
 from ..plant.measured import measured_plant
 from ..plant.model_files.bodies import READINGS
-from ..plant.plant import MODEL_FILES, PARAMETER_FILES, is_model_file, load_plant
-from ..plant.robots import ROBOTS
-from ..plant.save import save_plant
-from ..plant.units import torque_over_gravity
+from ..plant.plant import ROBOTS, torque_over_gravity
 from ..report.log_report import identification_tables, report_comparison, report_identification
 from ..report.page import PAGE_FORMATS, save_log_report
 from .arguments import NAMES, PLANTS, DomainName, FileName, Names, RobotName, check_outputs, word_of

@@ -23,8 +23,7 @@ from ..learner.run_folder import BEST
 from ..learner.start import resume_run
 from ..loop.domain import Domain, load_domain
 from ..loop.on_plant import drawn_around, loop_around, plant_as_domain
-from ..plant.plant import LEADERBOARD, Plant
-from ..plant.robots import Robot
+from ..plant.plant import LEADERBOARD, Plant, Robot
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
 from ..policy.shipped import ADAPTIVE, AR_EAPO, load_policy
 from ..refine.plant_draws import RECORDED

@@ -16,8 +16,7 @@ from ..common.errors import one_line, printable
 from ..controllers.registry import has_estimator
 from ..controllers.stack.controller import PolicyController
 from ..controllers.stack.regulator import RegulatingController
-from ..plant.plant import LEADERBOARD, Plant
-from ..plant.units import torque_over_gravity
+from ..plant.plant import LEADERBOARD, Plant, torque_over_gravity
 from ..report.log_report import Part
 from .output import tell, tell_table
 

@@ -9,8 +9,8 @@ from typing import Any
 
 from ..common.checks import suggestion
 from ..common.errors import SwingupError, described, naming, quoted
-from ..plant.plant import LEADERBOARD, PlantLike, load_plant
-from ..plant.robots import Robot, get_robot
+from ..plant.files import load_plant
+from ..plant.plant import LEADERBOARD, PlantLike, Robot, get_robot
 from ..policy.shipped import SHIPPED_POLICIES, is_policy, load_policy
 from .baselines.baselines import BASELINES, baseline
 from .interface.controller import AbstractController

@@ -1,4 +1,4 @@
-"""The double pendulum's dynamics in JAX: equations of motion, energies, tip height and linearisation.
+"""The double pendulum's dynamics in JAX: equations of motion, energy, tip height, linearisation, angles, the goal.
 
 The state is x = [q1, q2, dq1, dq2] and the torque u = [u1, u2] acts on both joints; a joint without a motor gets a
 zero. Functions carry no batch axis and follow the dtype of their inputs. The equations are in ``equations``.
@@ -6,15 +6,22 @@ zero. Functions carry no batch axis and follow the dtype of their inputs. The eq
 Here plants become pytrees: whoever traces one computes its motion.
 """
 
+from typing import TypeVar
+
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..common.types import Scalar, State, Torque
 from ..plant import equations
-from ..plant.equations import lump
-from ..plant.plant import NAMES, Plant
+from ..plant.plant import NAMES, Plant, lump
 from .trigonometry import arctan, sine_cosine
+
+Angle = TypeVar("Angle", Array, np.ndarray)
+
+UPRIGHT = np.array([np.pi, 0.0, 0.0, 0.0])
+"""The goal g = [q1, q2, dq1, dq2] (rad, rad/s)."""
 
 # Without the name, by which plants of equal structure would differ.
 jax.tree_util.register_dataclass(Plant, data_fields=NAMES, meta_fields=(), drop_fields=("name",))
@@ -71,3 +78,20 @@ def tip_height(plant: Plant, x: State) -> Scalar:
 def linearise(plant: Plant, x: State, u: Torque) -> tuple[Float[Array, "4 4"], Float[Array, "4 2"]]:
     """A = ∂ẋ/∂x and B = ∂ẋ/∂u of the continuous-time dynamics at (x, u)."""
     return jax.jacfwd(derivative, argnums=(1, 2))(plant, x, u)
+
+
+def wrap(x: State) -> State:
+    """The state with q1 in [0, 2π) and q2 in [-π, π): both angles are continuous around upright."""
+    return jnp.concatenate([jnp.array([jnp.mod(x[0], 2 * jnp.pi), wrap_difference(x[1])]), x[2:]])
+
+
+def upright_error(x: Float[np.ndarray, "*n 4"]) -> Float[np.ndarray, "*n 4"]:
+    """How far states are off upright at rest (rad, rad/s), angles to the nearest turn."""
+    error = np.asarray(x, np.float64) - UPRIGHT
+    error[..., :2] = wrap_difference(error[..., :2])
+    return error
+
+
+def wrap_difference(angle: Angle) -> Angle:
+    """Wrap differences of angles (rad) to [-π, π). Small ones lose digits, unlike in ``ArrayOps.nearest``."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi

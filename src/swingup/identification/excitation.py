@@ -22,7 +22,7 @@ from jaxtyping import Array, Float
 from ..common.checks import check_seeds, finite_number, one_of
 from ..common.errors import SwingupError
 from ..common.table import write_columns
-from ..dynamics.implicit_friction import implicit_step
+from ..dynamics.integrate import implicit_step
 from ..loop.domain import Domain
 from ..plant.base_parameters import friction_of, lumped
 from ..plant.plant import NAMES as PLANT_NAMES

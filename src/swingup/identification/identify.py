@@ -13,8 +13,8 @@ from ..common import __version__
 from ..common.checks import check_seeds
 from ..common.errors import SwingupError, one_line
 from ..common.files import write_map
-from ..plant.plant import Plant, PlantLike, load_plant
-from ..plant.save import representative, save_plant
+from ..plant.files import load_plant, representative, save_plant
+from ..plant.plant import Plant, PlantLike
 from .conventions import check_columns, mass_notes
 from .fit import WARM_STAGES, Fit, draw_solutions, fit, fit_all, fit_start, pulled
 from .plant_domain import domain_of

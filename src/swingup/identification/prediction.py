@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..common import cores
-from ..dynamics.implicit_friction import implicit_step
+from ..dynamics.integrate import implicit_step
 from ..plant.base_parameters import BASE_NAMES, Geometry, base_parameters, friction_of, geometry_of, lumped
 from ..plant.equations import COULOMB_STEEPNESS
 from ..plant.plant import Plant

@@ -19,8 +19,7 @@ from jaxtyping import Float
 from scipy.optimize import lsq_linear
 
 from ..plant.base_parameters import BASE, BASE_NAMES, lumped
-from ..plant.equations import mass_entries
-from ..plant.maths import ARRAYS
+from ..plant.equations import ARRAYS, mass_entries
 from ..plant.momentum import momentum_rows
 from .prediction import INDEX, Integration
 from .recording import Recording

@@ -6,7 +6,7 @@ from typing import Any
 from ..areapo.config import Config
 from ..common.checks import one_of
 from ..common.errors import SwingupError
-from ..plant.robots import ROBOTS
+from ..plant.plant import ROBOTS
 from ..tasks.acrobot_swingup import IDS as ACROBOT_IDS
 from ..tasks.pendulum import AbstractPendulumTask
 

@@ -12,16 +12,8 @@ from ..common import __version__
 from ..common.arrays import write_json
 from ..common.checks import one_of, whole_number
 from ..common.errors import SwingupError, command_line, one_line, quoted
-from ..plant.plant import (
-    FRICTIONLESS_SUFFIX,
-    LEADERBOARD,
-    SHIPPED_PLANTS,
-    Plant,
-    is_plant_name,
-    load_plant,
-    make_plant,
-)
-from ..plant.robots import get_robot
+from ..plant.files import SHIPPED_PLANTS, is_plant_name, load_plant
+from ..plant.plant import FRICTIONLESS_SUFFIX, LEADERBOARD, Plant, get_robot, make_plant
 from ..tasks.adapted import AbstractAdaptedTask
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.presets import get_task

@@ -19,18 +19,8 @@ from ..common.checks import one_of
 from ..common.errors import SwingupError, naming, one_line, quoted
 from ..common.yaml_map import read_map
 from ..dynamics.integrate import stable_substeps
-from ..plant.plant import (
-    NAMES,
-    PARAMETER_FILES,
-    PLANT_FILES,
-    SHIPPED_PLANTS,
-    Plant,
-    base_plant,
-    is_model_file,
-    load_plant,
-    make_plant,
-    validated,
-)
+from ..plant.files import PARAMETER_FILES, PLANT_FILES, SHIPPED_PLANTS, base_plant, is_model_file, load_plant
+from ..plant.plant import NAMES, Plant, make_plant, validated
 from .disturbance import Effects
 from .loop import LONGEST_PERIOD, LOOP_DT, PERFECT_LOOP, VALUES, Loop
 

@@ -7,8 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common.types import Key
-from ..plant.plant import Plant
-from ..plant.robots import Robot
+from ..plant.plant import Plant, Robot
 from .disturbance import Disturbance, Pushes
 from .domain import Domain, PlantInLoop
 from .loop import Loop

@@ -3,7 +3,8 @@
 import dataclasses
 from pathlib import Path
 
-from ..plant.plant import PARAMETER_FILES, PlantLike, load_plant
+from ..plant.files import PARAMETER_FILES, load_plant
+from ..plant.plant import PlantLike
 from ..plant.units import scaled, scales_of
 from .domain import Domain, PlantInLoop, load_domain, make_domain
 from .loop import VALUES

@@ -16,8 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..common.types import Count, Flag, Scalar, State, Torque
-from ..dynamics.angles import UPRIGHT, wrap_difference
-from ..dynamics.dynamics import gravity_torque
+from ..dynamics.dynamics import UPRIGHT, gravity_torque, wrap_difference
 from ..plant.plant import Plant
 from ..plant.units import DAMPING, TORQUE, TORQUE_RATE, VELOCITY
 

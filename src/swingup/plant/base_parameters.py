@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .damped import Friction
-from .equations import Lumped, Number, mass_entries
+from .equations import Friction, Lumped, Number, mass_entries
 from .plant import Plant
 
 BASE_NAMES = ("A", "B", "m2r2", "k", "b1", "b2", "cf1", "cf2", "Ir")

@@ -14,9 +14,10 @@ import numpy as np
 
 from ..common.checks import finite_number, one_of
 from ..common.errors import SwingupError
-from .equations import lump, mass_entries
+from .equations import mass_entries
+from .files import is_model_file, load_plant
 from .model_files.files import read_model
-from .plant import NAMES, Plant, PlantLike, is_model_file, load_plant, make_plant
+from .plant import NAMES, Plant, PlantLike, lump, make_plant
 
 MORE_NAMES = ("Ic1", "Ic2", "motor")
 """What is given beside a plant's numbers: inertias about the centres of mass (kg m²), and the torque of both motors

@@ -25,23 +25,22 @@ encoders and noise add there. Like ``equations`` this is arithmetic for any kind
 from typing import Any, NamedTuple
 
 from .base_parameters import Geometry
-from .equations import COULOMB_STEEPNESS, Number, Pair
-from .maths import Maths
+from .equations import COULOMB_STEEPNESS, ArrayOps, Number, Pair
 
 CLOSE_RATES = 1e-3
 """Rates closer than this (rad/s) have one arctangent: the mean by the antiderivative would lose its digits."""
 
 
 def momentum_rows(
-    before: Pair, middle: Pair, after: Pair, steps: Pair, geometry: Geometry, ratio: Number, maths: Maths
+    before: Pair, middle: Pair, after: Pair, steps: Pair, geometry: Geometry, ratio: Number, ops: ArrayOps
 ) -> tuple[Any, Any]:
     """Y (2, 11): the rows of shoulder and elbow: a number for each base parameter, and for κ1 and κ2.
 
     qa, qb and qc are pairs (q1, q2) (rad), the steps h0 and h1 (s). The ratio is ρ = m2 r2 / k of the nominal
     plant.
     """
-    first = _half(before, middle, steps[0], geometry, maths)
-    second = _half(middle, after, steps[1], geometry, maths)
+    first = _half(before, middle, steps[0], geometry, ops)
+    second = _half(middle, after, steps[1], geometry, ops)
     step = 0.5 * (steps[0] + steps[1])  # from midpoint to midpoint
     (v1, v2), (w1, w2) = first.rates, second.rates
     a1, a2 = (w1 - v1) / step, (w2 - v2) / step
@@ -49,7 +48,7 @@ def momentum_rows(
     turning = 0.5 * (first.turning + second.turning)
     coupling1 = (second.momentum1 - first.momentum1) / step + pull2
     coupling2 = (second.momentum2 - first.momentum2) / step + turning + pull2
-    f1, f2 = mean_arctan(v1, w1, maths), mean_arctan(v2, w2, maths)
+    f1, f2 = mean_arctan(v1, w1, ops), mean_arctan(v2, w2, ops)
     # A zero of this kind of number, since JAX stacks the rows.
     none, gr = 0.0 * v1, geometry.gr
     rotor1, rotor2 = (gr * gr + 1) * a1 - gr * a2, gr * gr * a2 - gr * a1
@@ -74,18 +73,18 @@ def inertial_row(joint: int, acceleration: Pair, cos2: Number, geometry: Geometr
     return *columns, none, none, none, none, none, rotor
 
 
-def mean_arctan(start: Number, end: Number, maths: Maths) -> Number:
+def mean_arctan(start: Number, end: Number, ops: ArrayOps) -> Number:
     """The mean of arctan(100 v) while a rate v goes straight from start to end (rad/s)."""
     far = abs(end - start) > CLOSE_RATES
     # Both branches are computed, so that neither may divide by 0.
-    span = maths.where(far, end - start, 1.0)
-    mean = (_antiderivative(end, maths) - _antiderivative(start, maths)) / span
-    return maths.where(far, mean, maths.arctan(0.5 * COULOMB_STEEPNESS * (start + end)))
+    span = ops.where(far, end - start, 1.0)
+    mean = (_antiderivative(end, ops) - _antiderivative(start, ops)) / span
+    return ops.where(far, mean, ops.arctan(0.5 * COULOMB_STEEPNESS * (start + end)))
 
 
-def _antiderivative(rate: Number, maths: Maths) -> Number:
+def _antiderivative(rate: Number, ops: ArrayOps) -> Number:
     steep = COULOMB_STEEPNESS * rate
-    return rate * maths.arctan(steep) - maths.log1p(steep * steep) / (2 * COULOMB_STEEPNESS)
+    return rate * ops.arctan(steep) - ops.log1p(steep * steep) / (2 * COULOMB_STEEPNESS)
 
 
 class _Half(NamedTuple):
@@ -109,10 +108,10 @@ class _Half(NamedTuple):
     bending: Number
 
 
-def _half(start: Pair, end: Pair, step: Number, geometry: Geometry, maths: Maths) -> _Half:
+def _half(start: Pair, end: Pair, step: Number, geometry: Geometry, ops: ArrayOps) -> _Half:
     rate1, rate2 = (end[0] - start[0]) / step, (end[1] - start[1]) / step
     q1, q2 = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
-    (sin1, cos1), (sin2, cos2) = maths.sine_cosine(q1), maths.sine_cosine(q2)
+    (sin1, cos1), (sin2, cos2) = ops.sine_cosine(q1), ops.sine_cosine(q2)
     along, across = geometry.l1 * cos2, geometry.l1 * sin2
     return _Half(
         rates=(rate1, rate2),

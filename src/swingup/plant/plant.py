@@ -1,23 +1,47 @@
-"""A plant: the facts about one double pendulum, with a name; those that the package ships; and their files.
+"""A plant, the facts about one double pendulum, and the robots, which differ in the joint that is driven.
 
-The file format is a flat YAML map with the key names of RealAIGym's ``model_parameters.yml``; ``model_files`` reads
-URDF and MJCF. NumPy and Python's standard library suffice here, since robots run policies without JAX and PyYAML.
+NumPy and Python's standard library suffice here, since robots run policies without JAX and PyYAML.
 """
 
 import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from importlib import resources
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from ..common.checks import LARGEST_NUMBER, one_of
-from ..common.errors import SwingupError, naming, one_line, quoted
-from .damped import Friction
-from .equations import Number, lump, mass_entries
-from .robots import TORQUE_LIMIT, Robot, get_robot
-from .units import torque_over_gravity
+from ..common.errors import SwingupError, quoted
+from .equations import Friction, Lumped, Number, mass_entries
+
+
+@dataclass(frozen=True)
+class Robot:
+    """An underactuated double pendulum: which of the two joints is driven."""
+
+    name: str
+    """``acrobot`` or ``pendubot``."""
+    joint: int
+    """Index of the driven joint: 0 is the shoulder, 1 the elbow."""
+
+    @property
+    def actuation(self) -> tuple[float, float]:
+        """Diagonal of B: 1 for the driven joint, 0 for the passive one."""
+        return (1.0, 0.0) if self.joint == 0 else (0.0, 1.0)
+
+
+ROBOTS = {robot.name: robot for robot in (Robot("acrobot", joint=1), Robot("pendubot", joint=0))}
+
+TORQUE_LIMIT = 6.0
+"""Torque limit of the driven joint on the leaderboards (N m)."""
+
+
+def get_robot(name: str | Robot) -> Robot:
+    """Find a robot by its name; a ``Robot`` is returned as it is."""
+    if isinstance(name, Robot):
+        return name
+    return ROBOTS[one_of("robot", name, ROBOTS)]
+
 
 FRICTIONLESS_SUFFIX = ", frictionless"
 """Ends the name of a plant whose friction was left out."""
@@ -118,69 +142,12 @@ NAMES = tuple(each.name for each in dataclasses.fields(Plant) if each.name != "n
 PlantLike: TypeAlias = Plant | str | Path
 """A plant, a shipped plant's name, or a file."""
 
-PARAMETER_FILES, MODEL_FILES = (".yml", ".yaml"), (".urdf", ".xml", ".mjcf")
-"""Ends of the names of parameter files, and of files in other programs' formats."""
-
-PLANT_FILES = "a parameter file (.yml), a URDF (.urdf) or an MJCF (.xml)"
-"""The files of plants, for messages."""
-
 LEADERBOARD = Plant(
     m1=0.5234602302310271, m2=0.6255677234174437, l1=0.2, l2=0.3, r1=0.2, r2=0.25569305436052964,
     I1=0.031887199591513114, I2=0.05086984812807257, Ir=0.0, gr=6.0,
     b1=0.0, b2=0.0, cf1=0.0, cf2=0.0, g=9.81, tl1=TORQUE_LIMIT, tl2=TORQUE_LIMIT, name="leaderboard",
 )  # fmt: skip
 """The plant of the leaderboards: C.1 without friction and rotors' inertia. It needs no file, and so no PyYAML."""
-
-SHIPPED_PLANTS = ("A.0", "B.0", "C.0", "C.1", "cloudpendulum", "cloudpendulum-rods", LEADERBOARD.name)
-"""Plants that the package ships: RealAIGym's designs, a CloudPendulum as identified and as two rods, and the
-leaderboards'. All but the last are files in ``plant/shipped``, with their sources."""
-
-
-def load_plant(source: PlantLike) -> Plant:
-    """Find a plant by its name, or read it from a file.
-
-    Args:
-        source: one of :data:`SHIPPED_PLANTS`, a YAML file with RealAIGym's names (its ``model_parameters.yml``, or
-            what ``swingup identify`` wrote), a URDF or an MJCF that says all of a plant, or a plant, which is
-            checked. A YAML file with an entry ``plant`` has that plant's values where it gives none itself.
-
-    Raises:
-        SwingupError: there is no such plant, or the file cannot be read, lacks a value, has a range, or makes no
-            pendulum.
-    """
-    if isinstance(source, Plant):
-        return validated(source)
-    name = str(source)
-    if name in SHIPPED_PLANTS:
-        return _shipped_plant(name)
-    if not is_plant_name(name):
-        one_of("plant", name, SHIPPED_PLANTS, f" or {PLANT_FILES}")
-    with naming(f"plant {one_line(name)}"):
-        return _model_plant(name, name) if is_model_file(name) else _read_plant(name)
-
-
-def is_plant_name(name: str) -> bool:
-    """Whether a name is a shipped plant's or a file's, as the command line takes them."""
-    return name in SHIPPED_PLANTS or name.endswith(PARAMETER_FILES) or is_model_file(name)
-
-
-def is_model_file(name: str | Path) -> bool:
-    """Whether a name is that of a URDF or an MJCF; of xacro, the reader says what to do."""
-    return str(name).lower().endswith((*MODEL_FILES, ".xacro"))
-
-
-def base_plant(source: object, folder: str | Path) -> Plant:
-    """The plant that a file's entry ``plant`` names: a shipped one, or a file with all values."""
-    if isinstance(source, str) and source in SHIPPED_PLANTS:
-        return _shipped_plant(source)
-    if not isinstance(source, str) or not is_plant_name(source):
-        raise SwingupError(
-            f"plant = {quoted(source)} is not a plant: use {', '.join(SHIPPED_PLANTS)} or {PLANT_FILES}"
-        )
-    path = Path(folder) / source
-    if is_model_file(path):
-        return _model_plant(path, source)
-    return make_plant(_entries(path), f"parameter file {path}", source)
 
 
 def make_plant(values: Mapping[str, Any], source: str, name: str = "") -> Plant:
@@ -233,41 +200,39 @@ def _real(name: str, value: Any) -> float:
     return real
 
 
-def _shipped_plant(name: str) -> Plant:
-    if name == LEADERBOARD.name:
-        return LEADERBOARD
-    with resources.as_file(resources.files(__package__) / "shipped" / f"{name}.yml") as path:
-        return make_plant(_entries(path), f"parameter file {path}", name)
+def lump(p: Plant) -> Lumped:
+    """The combinations for a plant."""
+    return Lumped(
+        # I2 is about the elbow: seen from the shoulder, link 2 adds its mass there.
+        shoulder=p.I1 + p.I2 + p.m2 * p.l1**2,
+        elbow=p.I2,
+        coupling=p.m2 * p.l1 * p.r2,
+        gravity1=(p.m1 * p.r1 + p.m2 * p.l1) * p.g,
+        gravity2=p.m2 * p.g * p.r2,
+        reflected=p.gr**2 * p.Ir,
+        geared=p.gr * p.Ir,
+        rotor=p.Ir,
+    )
 
 
-def _model_plant(path: str | Path, name: str) -> Plant:
-    # Here, since a folder for a robot is without these readers.
-    from .model_files.files import read_model
+def torque_over_gravity(parameters: Plant) -> float:
+    """Larger torque limit over Γ: above 1 a motor at the shoulder can hold the stretched arm level.
 
-    facts = read_model(path).facts
-    missing = [each for each in NAMES if each not in facts]
-    if missing:
-        given = " ".join(f"{each}=..." for each in missing)
+    Raises:
+        SwingupError: gravity does not pull the plant's stretched arm down, or its inertia is not positive.
+    """
+    return float(max(parameters.tl1, parameters.tl2)) / time_and_gravity(parameters)[1]
+
+
+def time_and_gravity(p: Plant) -> tuple[float, float]:
+    """T (s) and Γ (N m)."""
+    plant = lump(p)
+    inertia, gravity = float(plant.shoulder + 2 * plant.coupling), float(plant.gravity1 + plant.gravity2)
+    # Negated, so that NaN is refused as well.
+    if not gravity > 0:
         raise SwingupError(
-            f"it does not say {', '.join(missing)}: swingup plant {one_line(path)} --set {given} --out mine.yml"
+            f"gravity's torque on the level arm is {gravity:g} N m: m1 r1 + m2 (l1 + r2) must be positive"
         )
-    return make_plant(facts, f"model file {path}", name)
-
-
-def _read_plant(file: str) -> Plant:
-    entries = _entries(file)
-    base = base_plant(entries["plant"], Path(file).parent).values() if "plant" in entries else {}
-    for name in NAMES:
-        if isinstance(entries.get(name), list):
-            raise SwingupError(
-                f"{name} = {quoted(entries[name])} is a range, and a plant has facts: "
-                "give one value, or use the file as a domain"
-            )
-    return make_plant(base | entries, f"parameter file {file}", file)
-
-
-def _entries(file: str | Path) -> dict[str, Any]:
-    # Here, since a robot that runs a policy may lack PyYAML.
-    from ..common.yaml_map import read_map
-
-    return read_map(file, "parameter")
+    if not inertia > 0:
+        raise SwingupError(f"the stretched arm's inertia is {inertia:g} kg m² without rotors: raise I1 or I2")
+    return math.sqrt(inertia / gravity), gravity

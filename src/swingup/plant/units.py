@@ -18,15 +18,10 @@ converted by :meth:`Scales.scaled` and :meth:`Scales.similar`. The loop's real p
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
-from ..common.errors import SwingupError
 from ..common.settings import notes
-from .equations import lump
-from .robots import TORQUE_LIMIT
-
-if TYPE_CHECKING:
-    from .plant import Plant
+from .plant import TORQUE_LIMIT, Plant, time_and_gravity
 
 RecordT = TypeVar("RecordT")
 
@@ -113,33 +108,24 @@ C1 = Scales(1.0, 1.0, 1.0)
 """The units of the leaderboards' plant."""
 
 
-def scales_of(parameters: "Plant") -> Scales:
+def scales_of(parameters: Plant) -> Scales:
     """The units of a pendulum, relative to C.1's: exactly 1 for C.1, with or without its frictions and rotors.
 
     Raises:
         SwingupError: gravity does not pull its stretched arm down, or its inertia is not positive.
     """
-    time, _ = _time_and_gravity(parameters)
+    time, _ = time_and_gravity(parameters)
     absolute = time, float(max(parameters.tl1, parameters.tl2)), float(parameters.l1)
     return Scales(*(value / unit for value, unit in zip(absolute, REFERENCE, strict=True)))
 
 
-def arm_scales(parameters: "Plant") -> Scales:
+def arm_scales(parameters: Plant) -> Scales:
     """The units of a pendulum's policies, relative to C.1's: as :func:`scales_of`, but for the time, √(l1 / g)."""
     torque, length = float(max(parameters.tl1, parameters.tl2)) / REFERENCE[1], float(parameters.l1) / REFERENCE[2]
     return Scales(math.sqrt(length * REFERENCE_GRAVITY / float(parameters.g)), torque, length)
 
 
-def torque_over_gravity(parameters: "Plant") -> float:
-    """Larger torque limit over Γ: above 1 a motor at the shoulder can hold the stretched arm level.
-
-    Raises:
-        SwingupError: as :func:`scales_of`.
-    """
-    return float(max(parameters.tl1, parameters.tl2)) / _time_and_gravity(parameters)[1]
-
-
-def similar_plant(plant: "Plant", scales: Scales) -> "Plant":
+def similar_plant(plant: Plant, scales: Scales) -> Plant:
     """The pendulum that moves as a plant does in C.1's units."""
     return plant.changed(**{name: scales.similar(getattr(plant, name), unit) for name, unit in PLANT_UNITS.items()})
 
@@ -163,17 +149,3 @@ def scaled(record: RecordT, scales: Scales) -> RecordT:
 def _like(value: Any, factors: tuple[float, ...]) -> Any:
     """A factor, or an array of factors that leaves an array of single precision as it is."""
     return factors[0] if len(factors) == 1 else value.__array_namespace__().array(factors, value.dtype)
-
-
-def _time_and_gravity(p: "Plant") -> tuple[float, float]:
-    """T (s) and Γ (N m)."""
-    plant = lump(p)
-    inertia, gravity = float(plant.shoulder + 2 * plant.coupling), float(plant.gravity1 + plant.gravity2)
-    # Negated, so that NaN is refused as well.
-    if not gravity > 0:
-        raise SwingupError(
-            f"gravity's torque on the level arm is {gravity:g} N m: m1 r1 + m2 (l1 + r2) must be positive"
-        )
-    if not inertia > 0:
-        raise SwingupError(f"the stretched arm's inertia is {inertia:g} kg m² without rotors: raise I1 or I2")
-    return math.sqrt(inertia / gravity), gravity

@@ -32,7 +32,7 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 
 from ..common.errors import SwingupError, quoted
-from ..plant.robots import Robot
+from ..plant.plant import Robot
 from .guard.core import Guard
 from .guard.settings import Fault, GuardSettings
 

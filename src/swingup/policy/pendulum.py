@@ -9,8 +9,7 @@ from ..common.checks import finite_number
 from ..common.errors import SwingupError, naming, quoted
 from ..common.settings import Settings, read_settings
 from ..plant.base_parameters import base_parameters
-from ..plant.plant import Plant
-from ..plant.robots import ROBOTS, Robot, get_robot
+from ..plant.plant import ROBOTS, Plant, Robot, get_robot
 from ..plant.units import arm_scales, scaled, similar_plant
 from .estimator.settings import EstimatorSettings
 from .file import read_network, write_network

@@ -10,8 +10,7 @@ from ..common.checks import finite_number, one_of
 from ..common.errors import SwingupError, quoted
 from ..plant.base_parameters import BASE_NAMES, FRICTIONS, base_parameters
 from ..plant.equations import friction
-from ..plant.plant import NAMES, Plant, make_plant, validated
-from ..plant.robots import Robot
+from ..plant.plant import NAMES, Plant, Robot, make_plant, validated
 from .network.stages import PlantStage
 
 PLANT = "plant"

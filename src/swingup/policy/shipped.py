@@ -7,8 +7,8 @@ from pathlib import Path
 from ..common.arrays import SUFFIX
 from ..common.checks import one_of
 from ..common.errors import SwingupError, naming, quoted
-from ..plant.plant import PlantLike, load_plant
-from ..plant.robots import Robot, get_robot
+from ..plant.files import load_plant
+from ..plant.plant import PlantLike, Robot, get_robot
 from .pendulum import PendulumPolicy, for_plant, read_pendulum_policy
 
 ADAPTIVE = "adaptive"

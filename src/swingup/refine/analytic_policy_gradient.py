@@ -24,8 +24,8 @@ from ..controllers.interface.controller import AbstractController
 from ..controllers.stack.controller import PolicyController
 from ..dynamics.integrate import stable_substeps
 from ..loop.starts import anywhere_states, thrown_states
-from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
-from ..plant.robots import Robot
+from ..plant.files import load_plant
+from ..plant.plant import LEADERBOARD, Plant, PlantLike, Robot
 from .objective import SCORE_RULES, EpisodeWeights, Measures, bound_adjoint, measure_episode
 
 

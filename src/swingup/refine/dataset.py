@@ -13,8 +13,7 @@ from ..controllers.stack.controller import PolicyController, plant_of
 from ..dynamics.integrate import rk4_step
 from ..loop.starts import anywhere_states, thrown_states
 from ..plant.base_parameters import BASE_NAMES
-from ..plant.plant import Plant
-from ..plant.robots import Robot
+from ..plant.plant import Plant, Robot
 from .distillation_settings import DistillationSettings
 from .teacher import ARRIVED, School, Teachers, taught, top_cost
 

@@ -12,8 +12,7 @@ from ..benchmark.boards import PERFORMANCE
 from ..benchmark.criteria import realai_score
 from ..benchmark.rollout import Trajectory
 from ..common.types import Scalar, State
-from ..dynamics.angles import UPRIGHT
-from ..dynamics.dynamics import tip_height
+from ..dynamics.dynamics import UPRIGHT, tip_height
 from ..plant.plant import Plant
 from ..tasks.recovery import UP_LINE_WIDTH
 

@@ -11,8 +11,7 @@ from ..benchmark.rules import MODEL_SWEEPS, ModelSweep
 from ..benchmark.runner import stack
 from ..common.errors import SwingupError
 from ..loop.domain import Domain, load_domain
-from ..plant.plant import LEADERBOARD, NAMES, Plant, validated
-from ..plant.robots import Robot
+from ..plant.plant import LEADERBOARD, NAMES, Plant, Robot, validated
 from ..plant.units import TORQUE, Scales, arm_scales, similar_plant
 
 RECORDED = "recorded"

@@ -18,8 +18,8 @@ from ..benchmark.runner import StageProgress
 from ..common.errors import SwingupError
 from ..controllers.stack.controller import PolicyController, make_controller, plant_of, policy_of
 from ..loop.domain import Domain, load_domain
-from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
-from ..plant.robots import Robot
+from ..plant.files import load_plant
+from ..plant.plant import LEADERBOARD, Plant, PlantLike, Robot
 from ..plant.units import ACCELERATION, arm_scales, scaled, similar_plant
 from ..policy.estimator.settings import default_estimator
 from ..policy.identifier.settings import IdentifierSettings

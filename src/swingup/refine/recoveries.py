@@ -14,7 +14,7 @@ from ..common.types import Key, Scalar, State
 from ..controllers.interface.controller import AbstractController
 from ..controllers.stack.controller import PolicyController, plant_of
 from ..controllers.stack.regulator import RegulatingController, with_regulator
-from ..dynamics.angles import UPRIGHT
+from ..dynamics.dynamics import UPRIGHT
 from ..loop.starts import thrown_states
 from ..plant.plant import Plant
 from ..policy.regulator.core import Loop

@@ -25,8 +25,7 @@ from ..controllers.baselines.continuation import (
 from ..controllers.baselines.dry_friction import passive_friction
 from ..controllers.stack.controller import PolicyController, plant_of
 from ..controllers.stack.maths import JAX
-from ..dynamics.angles import UPRIGHT, upright_error
-from ..dynamics.dynamics import acceleration
+from ..dynamics.dynamics import UPRIGHT, acceleration, upright_error
 from ..plant.base_parameters import base_parameters
 from ..plant.plant import LEADERBOARD, Plant, validated
 from ..plant.units import C1, scaled, scales_of, similar_plant

@@ -19,8 +19,7 @@ from ..controllers.interface.python_controller import PythonController
 from ..loop.domain import Domain
 from ..loop.on_plant import NO_LOOP
 from ..loop.supervisors import Limits
-from ..plant.plant import PlantLike
-from ..plant.robots import Robot, get_robot
+from ..plant.plant import PlantLike, Robot, get_robot
 from ..policy.plant_facts import plant_difference
 from ..policy.shipped import load_policy
 from .folder import Folder, find_folder

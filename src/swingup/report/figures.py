@@ -21,8 +21,8 @@ from ..common.errors import SwingupError, quoted
 from ..common.files import read_bytes
 from ..drawing import GOAL_HEIGHT
 from ..learner.metrics import METRICS_FILE
-from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
-from ..plant.robots import Robot, get_robot
+from ..plant.files import load_plant
+from ..plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
 from .figure import BARS, DOTS, LINE, PALE_BARS, RING, STAR, THIN, Curve, Figure, Mark, Panel
 
 TIME = "time (s)"

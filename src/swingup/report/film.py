@@ -14,8 +14,8 @@ from ..common.checks import finite_number, positive_number, whole_number
 from ..common.errors import SwingupError
 from ..common.files import check_suffix, write_atomically
 from ..drawing import draw_frame
-from ..plant.plant import LEADERBOARD, PlantLike, load_plant
-from ..plant.robots import Robot, get_robot
+from ..plant.files import load_plant
+from ..plant.plant import LEADERBOARD, PlantLike, Robot, get_robot
 
 FPS = 25.0
 SIZE = 320

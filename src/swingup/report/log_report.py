@@ -28,7 +28,7 @@ from ..identification.scoring import (
 from ..identification.segments import INTERVAL, Segments
 from ..identification.unknowns import LATENCY
 from ..loop.domain import Domain
-from ..plant.robots import get_robot
+from ..plant.plant import get_robot
 from .figure import DASHED, DOTS, LINE, THIN, Curve, Figure, Panel
 from .figures import TIME
 

@@ -30,8 +30,8 @@ from ..controllers.registry import get_controller
 from ..controllers.stack.controller import PolicyController, policy_of
 from ..export.javascript_backend.page import policy_data, policy_script
 from ..loop.loop import LOOP_DT
-from ..plant.plant import LEADERBOARD, NAMES, Plant, PlantLike, load_plant
-from ..plant.robots import Robot, get_robot
+from ..plant.files import load_plant
+from ..plant.plant import LEADERBOARD, NAMES, Plant, PlantLike, Robot, get_robot
 from ..plant.units import scaled, scales_of
 from ..policy.pendulum import PARTS, PendulumPolicy
 from ..policy.plant_facts import policy_plant

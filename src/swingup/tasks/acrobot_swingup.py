@@ -18,8 +18,7 @@ from jaxtyping import Array, Float
 from ..common.types import Action, Key, Observation, Scalar, State, Torque
 from ..dynamics.dynamics import total_energy
 from ..dynamics.integrate import rk4_step
-from ..plant.plant import Plant
-from ..plant.robots import ROBOTS, Robot
+from ..plant.plant import ROBOTS, Plant, Robot
 from .pendulum import PendulumState
 from .space_actions import SpaceActions
 from .task import AbstractTask, Step

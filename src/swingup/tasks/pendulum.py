@@ -13,10 +13,9 @@ import jax
 import jax.numpy as jnp
 
 from ..common.types import Action, Count, Key, Observation, Scalar, State, Torque
-from ..dynamics.angles import UPRIGHT, wrap
+from ..dynamics.dynamics import UPRIGHT, wrap
 from ..dynamics.integrate import rk4_steps
-from ..plant.plant import Plant
-from ..plant.robots import Robot
+from ..plant.plant import Plant, Robot
 from ..plant.units import NUMBER, TIME, VELOCITY, Unit
 from .observation import PendulumStage
 from .task import AbstractTask, Step

@@ -9,11 +9,11 @@ import numpy as np
 
 from ..common.checks import one_of
 from ..common.errors import SwingupError
-from ..dynamics.angles import wrap_difference
+from ..dynamics.dynamics import wrap_difference
 from ..dynamics.integrate import stable_substeps
 from ..loop.starts import anywhere_states, thrown_states
-from ..plant.plant import LEADERBOARD, PlantLike, load_plant
-from ..plant.robots import Robot, get_robot
+from ..plant.files import load_plant
+from ..plant.plant import LEADERBOARD, PlantLike, Robot, get_robot
 from ..plant.units import STATE, scaled, scales_of
 from .acrobot_swingup import AcrobotSwingup
 from .observation import PendulumStage

@@ -10,10 +10,10 @@ import numpy as np
 
 from ...common.checks import one_of
 from ...common.errors import SwingupError
-from ...dynamics.angles import UPRIGHT
+from ...dynamics.dynamics import UPRIGHT
 from ...loop.loop import LOOP_DT
-from ...plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
-from ...plant.robots import Robot, get_robot
+from ...plant.files import load_plant
+from ...plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
 from ...plant.units import Scales, scales_of, similar_plant
 from ..interface.controller import AbstractController
 from ..swingups.design import compute_reference, design_model

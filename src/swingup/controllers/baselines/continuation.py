@@ -21,10 +21,9 @@ from jaxtyping import Float
 
 from ...common.errors import SwingupError
 from ...common.types import Scalar
-from ...dynamics.angles import UPRIGHT
+from ...dynamics.dynamics import UPRIGHT
 from ...plant.equations import StateFloats
-from ...plant.plant import LEADERBOARD, NAMES, Plant, validated
-from ...plant.robots import Robot, get_robot
+from ...plant.plant import LEADERBOARD, NAMES, Plant, Robot, get_robot, validated
 from ...plant.units import DAMPING, STATE, TIME, TORQUE
 from ..swingups.design import followed, motion, solve_from_rest
 from ..swingups.ilqr import ILQRSettings, feedback_gains

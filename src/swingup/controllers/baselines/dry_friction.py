@@ -18,10 +18,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...common.types import Scalar, State
-from ...dynamics.angles import UPRIGHT, wrap_difference
+from ...dynamics.dynamics import UPRIGHT, wrap_difference
 from ...dynamics.integrate import rk4_step
-from ...plant.plant import Plant
-from ...plant.robots import Robot
+from ...plant.plant import Plant, Robot
 from .lqr import LQR, LQRSettings, disturbance_gain, upright_lqr
 
 KNEE = 10.0

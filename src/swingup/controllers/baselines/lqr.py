@@ -15,10 +15,8 @@ from jaxtyping import Float
 from scipy.linalg import solve_continuous_are
 
 from ...common.types import Scalar, State, Torque
-from ...dynamics.angles import UPRIGHT, wrap
-from ...dynamics.dynamics import linearise
-from ...plant.plant import Plant
-from ...plant.robots import Robot
+from ...dynamics.dynamics import UPRIGHT, linearise, wrap
+from ...plant.plant import Plant, Robot
 from ..interface.controller import AbstractController, joint_torques
 
 

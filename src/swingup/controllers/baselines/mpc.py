@@ -12,9 +12,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...common.types import Flag, Scalar, State, Torque
-from ...dynamics.angles import UPRIGHT
-from ...plant.plant import Plant
-from ...plant.robots import Robot
+from ...dynamics.dynamics import UPRIGHT
+from ...plant.plant import Plant, Robot
 from ..interface.controller import joint_torques
 from ..swingups.ilqr import solve
 from ..swingups.reference import Reference

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 
 from ...common.types import State, Torque
 from ...plant.equations import COULOMB_STEEPNESS
-from ...plant.robots import Robot
+from ...plant.plant import Robot
 from ...plant.units import STATE, TIME, TORQUE, Scales, scaled
 from ..interface.controller import AbstractController, joint_torques
 from ..interface.time import Time, TimeLike, never, since_first_call

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ...common.types import Flag, Scalar, State, Torque
-from ...dynamics.angles import UPRIGHT, wrap
-from ...plant.robots import Robot
+from ...dynamics.dynamics import UPRIGHT, wrap
+from ...plant.plant import Robot
 from ..interface.controller import AbstractController, Carry
 from ..interface.time import Time, TimeLike, never, since_first_call
 

@@ -11,9 +11,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ...common.types import Scalar, State, Torque
-from ...dynamics.angles import wrap_difference
-from ...plant.plant import Plant
-from ...plant.robots import Robot
+from ...dynamics.dynamics import wrap_difference
+from ...plant.plant import Plant, Robot
 from ..interface.controller import AbstractController, joint_torques
 from ..swingups.reference import Reference
 from .dry_friction import KNEE, STATE_WEIGHT, TORQUE_WEIGHT

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...common.checks import finite_number
 from ...common.errors import SwingupError, attribute, errors_named_after
-from ...plant.robots import TORQUE_LIMIT, Robot, get_robot
+from ...plant.plant import TORQUE_LIMIT, Robot, get_robot
 from .call_time import run_calls
 from .controller import AbstractController, check_interface, check_robot, split
 from .python_controller import DT, PythonController, answer, call_in_turn, trial_states

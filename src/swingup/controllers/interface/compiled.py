@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from ...common.errors import SwingupError
-from ...plant.robots import TORQUE_LIMIT, Robot, get_robot
+from ...plant.plant import TORQUE_LIMIT, Robot, get_robot
 from ...policy.contract import LoopController
 from ...policy.guard.settings import GuardChoice, choose_guard
 from .controller import AbstractController, check_robot

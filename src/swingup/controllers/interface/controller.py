@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from ...common.errors import SwingupError, attribute, errors_named_after
 from ...common.types import Scalar, State, Torque
-from ...plant.robots import Robot
+from ...plant.plant import Robot
 from .time import TimeLike
 
 Carry = TypeVar("Carry")

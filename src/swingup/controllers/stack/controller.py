@@ -12,8 +12,7 @@ from ...areapo.networks import Actor
 from ...common.errors import SwingupError
 from ...common.types import Scalar, State, Torque
 from ...plant.base_parameters import base_parameters
-from ...plant.plant import LEADERBOARD, Plant
-from ...plant.robots import Robot
+from ...plant.plant import LEADERBOARD, Plant, Robot
 from ...policy.pendulum import PendulumPolicy, write_pendulum_policy
 from ..interface.controller import AbstractPlantController
 from .estimator import EstimatingController, with_estimator

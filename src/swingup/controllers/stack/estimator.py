@@ -7,8 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...common.types import State, Torque
-from ...plant.plant import Plant
-from ...plant.robots import Robot
+from ...plant.plant import Plant, Robot
 from ...plant.units import BASE_UNITS, STATE, TORQUE, Scales, arm_scales
 from ...policy.estimator import core
 from ...policy.estimator.core import EstimatorState, Loop

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from ...common.types import Flag
 from ...dynamics.trigonometry import arctan, sine_cosine
-from ...plant.maths import Maths
+from ...plant.equations import ArrayOps
 from ..swingups.scalar_algebra import unpack
 
 TreeT = TypeVar("TreeT")
@@ -20,7 +20,7 @@ def choose(condition: Flag, yes: Callable[[], TreeT], no: TreeT) -> TreeT:
     return chosen
 
 
-JAX = Maths(
+JAX = ArrayOps(
     xp=jnp,
     sine_cosine=sine_cosine,
     arctan=arctan,

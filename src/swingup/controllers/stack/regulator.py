@@ -11,8 +11,7 @@ from jaxtyping import Array, Float
 from ...common.types import Scalar, State, Torque
 from ...plant.base_parameters import Geometry, base_parameters
 from ...plant.equations import Number
-from ...plant.plant import Plant
-from ...plant.robots import Robot
+from ...plant.plant import Plant, Robot
 from ...plant.units import BASE_UNITS, STATE, TORQUE, Scales, arm_scales
 from ...policy.regulator import core
 from ...policy.regulator.core import Loop, RegulatorState

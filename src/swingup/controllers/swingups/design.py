@@ -17,10 +17,10 @@ from jaxtyping import Array, Float
 
 from ...common.errors import SwingupError
 from ...common.types import Scalar
-from ...dynamics.angles import UPRIGHT
+from ...dynamics.dynamics import UPRIGHT
 from ...plant.equations import StateFloats
-from ...plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
-from ...plant.robots import Robot, get_robot
+from ...plant.files import load_plant
+from ...plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
 from .ilqr import ILQRSettings, Solution, Status, feedback_gains, solve
 from .reference import Reference
 from .riccati_passes import Cost, forward

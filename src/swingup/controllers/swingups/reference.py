@@ -16,7 +16,7 @@ from ...common.arrays import load_arrays, save_arrays
 from ...common.checks import positive_number
 from ...common.errors import SwingupError
 from ...common.table import read_table, write_columns
-from ...plant.robots import Robot, get_robot
+from ...plant.plant import Robot, get_robot
 from ...plant.units import DAMPING, STATE, TIME, TORQUE
 
 REFERENCE_FORMAT = "swingup trajectory"

@@ -12,8 +12,8 @@ import jax
 import jax.numpy as jnp
 
 from ...dynamics.trigonometry import arctan, sine_cosine
-from ...plant.equations import Number, acceleration, friction, lump
-from ...plant.plant import Plant
+from ...plant.equations import Number, acceleration, friction
+from ...plant.plant import Plant, lump
 from .scalar_algebra import Matrix, Vector, add_scaled, dot
 
 

@@ -42,10 +42,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...plant import equations
-from ...plant.damped import damped_midpoint_step
-from ...plant.equations import Number, Pair, friction, lump
-from ...plant.maths import Maths
-from ...plant.plant import Plant
+from ...plant.equations import ArrayOps, Number, Pair, damped_midpoint_step, friction
+from ...plant.plant import Plant, lump
 from ...plant.units import C1, TIME, arm_scales, scaled, similar_plant
 from ..identifier import core as identifier
 from ..identifier.compensation import Model
@@ -129,7 +127,7 @@ class EstimatorState(NamedTuple):
     """What the identifier remembers; None without one."""
 
 
-def begin(maths: Maths, loop: Loop) -> EstimatorState:
+def begin(maths: ArrayOps, loop: Loop) -> EstimatorState:
     """Nothing seen yet."""
     xp, depth = maths.xp, loop.settings.max_delay_steps + 1
     return EstimatorState(
@@ -146,7 +144,7 @@ def begin(maths: Maths, loop: Loop) -> EstimatorState:
 
 
 def observe(
-    maths: Maths, loop: Loop, state: EstimatorState, found: Found | None, t: Any, x: Array
+    maths: ArrayOps, loop: Loop, state: EstimatorState, found: Found | None, t: Any, x: Array
 ) -> tuple[EstimatorState, Array]:
     """An estimate of the state now.
 
@@ -186,7 +184,7 @@ def observe(
     return after._replace(time=t, sample=sample, gap=gap, identified=identified), seen
 
 
-def compensation(maths: Maths, loop: Loop, found: Found, seen: Array) -> Array:
+def compensation(maths: ArrayOps, loop: Loop, found: Found, seen: Array) -> Array:
     """Torques (2,) against friction and load found (N m); NaN if the state seen (4,) is not finite."""
     assert loop.finding is not None  # the caller has what it found
     most, finite = loop.finding.passive_limit, maths.finite(seen)
@@ -200,7 +198,7 @@ def compensation(maths: Maths, loop: Loop, found: Found, seen: Array) -> Array:
     return maths.vector(torques)
 
 
-def remember(maths: Maths, loop: Loop, state: EstimatorState, u: Array) -> EstimatorState:
+def remember(maths: ArrayOps, loop: Loop, state: EstimatorState, u: Array) -> EstimatorState:
     """Note the torques (2,) that both motors were asked for, within their limits (N m)."""
     torques = maths.xp.concatenate([u[loop.joint][None], state.torques[:-1]])
     identified = None if state.identified is None else identifier.remember(maths, state.identified, u)
@@ -208,7 +206,7 @@ def remember(maths: Maths, loop: Loop, state: EstimatorState, u: Array) -> Estim
 
 
 def _identify(
-    maths: Maths, loop: Loop, state: EstimatorState, in_time: Any, pause: Number, x: Array
+    maths: ArrayOps, loop: Loop, state: EstimatorState, in_time: Any, pause: Number, x: Array
 ) -> IdentifierState | None:
     """Show the identifier, if any, the angles measured a pause (s) after the last ones, perhaps too late."""
     before, behind, period = state.identified, loop.finding, loop.settings.dt
@@ -220,14 +218,14 @@ def _identify(
     return identifier.observe(maths, behind, going_on, x[:2], state.delay_steps, step)
 
 
-def _restart(maths: Maths, state: EstimatorState, x: Array) -> EstimatorState:
+def _restart(maths: ArrayOps, state: EstimatorState, x: Array) -> EstimatorState:
     """Believe the measurement. The evidence on the delay is kept: it belongs to the loop, not to the motion."""
     zeros = maths.xp.zeros_like(state.deviations[0])
     return state._replace(state=x, torques=maths.xp.zeros_like(state.torques), deviations=(zeros, zeros))
 
 
 def _follow(
-    maths: Maths, loop: Loop, state: EstimatorState, x: Array, lost: Any, dt: Number, model: Model, age: Number
+    maths: ArrayOps, loop: Loop, state: EstimatorState, x: Array, lost: Any, dt: Number, model: Model, age: Number
 ) -> EstimatorState:
     """One step of dt (s) of the filter in charge and of the bank, for angles of an age (calls), or in a gap."""
     xp = maths.xp
@@ -270,7 +268,7 @@ def _correction(gains: tuple[Number, ...], angles: Array, rates: Array) -> tuple
     return gains[0] * angles + gains[1] * rates, gains[2] * angles + gains[3] * rates
 
 
-def _ahead(maths: Maths, loop: Loop, state: EstimatorState, time: Number, model: Model) -> Array:
+def _ahead(maths: ArrayOps, loop: Loop, state: EstimatorState, time: Number, model: Model) -> Array:
     """The state after the delay, a time (s), in pieces with the mean of the torques that act in each."""
     xp, steps = maths.xp, maths.number(state.delay_steps / PREDICTION_STEPS)
     # How much of each torque's step lies before a piece's ends: it began and will end so many steps ago.
@@ -281,7 +279,7 @@ def _ahead(maths: Maths, loop: Loop, state: EstimatorState, time: Number, model:
     return step(maths, loop, model, state.state, maths.numbers(torques), time / PREDICTION_STEPS)
 
 
-def step(maths: Maths, loop: Loop, model: Model, x: Array, torques: tuple[Number, ...], dt: Number) -> Array:
+def step(maths: ArrayOps, loop: Loop, model: Model, x: Array, torques: tuple[Number, ...], dt: Number) -> Array:
     """The state (4,) after steps of dt (s) from x, each with its torque of the driven joint (N m)."""
     (plant, losses, load), numbers = model, maths.numbers(x)
     for torque in torques:
@@ -293,7 +291,7 @@ def step(maths: Maths, loop: Loop, model: Model, x: Array, torques: tuple[Number
     return maths.vector(numbers)
 
 
-def response(maths: Maths, loop: Loop, model: Model, x: Array) -> Array:
+def response(maths: ArrayOps, loop: Loop, model: Model, x: Array) -> Array:
     """M⁻¹ times the torque of 1 N m on the driven joint (2,) (rad/s²)."""
     driven = (1.0, 0.0) if loop.joint == 0 else (0.0, 1.0)
     _, cos2 = maths.sine_cosine(maths.numbers(x)[1])

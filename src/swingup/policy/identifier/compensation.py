@@ -7,8 +7,7 @@ This motor's torque therefore belongs to the plant.
 
 from typing import Any, NamedTuple
 
-from ...plant.damped import Friction
-from ...plant.equations import Lumped, Number, Pair
+from ...plant.equations import Friction, Lumped, Number, Pair
 
 LEAST_GAIN = 0.6
 """The undriven joint's motor is asked for as much as if it delivered at least this share."""

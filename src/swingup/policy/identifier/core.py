@@ -51,9 +51,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...plant.base_parameters import BASE, feasible_fraction, friction_of, lumped
-from ...plant.damped import Friction
-from ...plant.equations import Number, Pair, mass_entries
-from ...plant.maths import Maths
+from ...plant.equations import ArrayOps, Friction, Number, Pair, mass_entries
 from ...plant.momentum import inertial_row, momentum_rows
 from . import settings as chosen
 from .compensation import Load, Model, compensation
@@ -84,7 +82,7 @@ class Found(NamedTuple):
     """How much the measured angles are too large (rad)."""
 
 
-def begin(maths: Maths, loop: Loop) -> IdentifierState:
+def begin(maths: ArrayOps, loop: Loop) -> IdentifierState:
     """Nothing seen yet."""
     xp, past = maths.xp, chosen.commands(loop.period, loop.max_delay_steps)
     zero = xp.zeros(())
@@ -106,7 +104,7 @@ def begin(maths: Maths, loop: Loop) -> IdentifierState:
     )
 
 
-def restart(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
+def restart(maths: ArrayOps, loop: Loop, state: IdentifierState) -> IdentifierState:
     """After a pause: what was found stays, the motion before is forgotten."""
     xp = maths.xp
     return state._replace(
@@ -117,24 +115,24 @@ def restart(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState
     )
 
 
-def remember(maths: Maths, state: IdentifierState, u: Array) -> IdentifierState:
+def remember(maths: ArrayOps, state: IdentifierState, u: Array) -> IdentifierState:
     """Note the torques (2,) that both motors were asked for, the driven one within its limit (N m)."""
     return state._replace(torques=maths.xp.concatenate([u[None], state.torques[:-1]]))
 
 
-def interval(maths: Maths, state: IdentifierState, step: Number) -> Number:
+def interval(maths: ArrayOps, state: IdentifierState, step: Number) -> Number:
     """Time from when the last measured angles are observed to these, ``step`` after the last call (s)."""
     return maths.choose(state.age > 0, lambda: maths.number(state.steps[state.age - 1]), step)
 
 
-def elapsed(maths: Maths, state: IdentifierState, step: Number) -> Number:
+def elapsed(maths: ArrayOps, state: IdentifierState, step: Number) -> Number:
     """Time since the angles of this call, not yet observed, were those of the plant (s)."""
     before = (maths.xp.arange(len(state.steps)) < state.age - 1) @ state.steps
     return maths.where(state.age > 0, step, 0.0) + maths.number(before)
 
 
 def observe(
-    maths: Maths, loop: Loop, state: IdentifierState, q: Array, delay_steps: Number, step: Number
+    maths: ArrayOps, loop: Loop, state: IdentifierState, q: Array, delay_steps: Number, step: Number
 ) -> IdentifierState:
     """Learn from measured angles.
 
@@ -182,7 +180,7 @@ def observe(
     return maths.choose(xp.logical_not(near), lambda: restart(maths, loop, before), state)
 
 
-def found(maths: Maths, loop: Loop, state: IdentifierState) -> Found:
+def found(maths: ArrayOps, loop: Loop, state: IdentifierState) -> Found:
     """What other parts need of the unknowns."""
     x = maths.numbers(state.unknowns)
     nominal = maths.numbers(maths.xp.asarray(loop.mean[:BASE], state.unknowns.dtype))
@@ -208,7 +206,7 @@ def _deviation(loop: Loop, joint: int) -> float:
     return chosen.DRIVEN_DEVIATION if joint == loop.joint else chosen.PASSIVE_DEVIATION
 
 
-def _age(maths: Maths, state: IdentifierState, angles: Array, steps: Array) -> tuple[Array, Number]:
+def _age(maths: ArrayOps, state: IdentifierState, angles: Array, steps: Array) -> tuple[Array, Number]:
     """Weigh the ages of the angles: a longer step shows as a longer way in the same call, or in a later one."""
     xp, whole, ages = maths.xp, len(state.angles) - 1, len(state.missed)
     rate1, rate2 = maths.numbers((angles[0] - angles[whole]) / steps[:whole].sum())
@@ -223,7 +221,7 @@ def _age(maths: Maths, state: IdentifierState, angles: Array, steps: Array) -> t
     return missed, maths.where(surer, likely, state.age)
 
 
-def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
+def _learn(maths: ArrayOps, loop: Loop, state: IdentifierState) -> IdentifierState:
     """The low-passes, both rows, and the drift."""
     steps = maths.window(state.steps, state.age, len(state.angles) - 1)
     # The loop's own period: a call that comes late now and then must not change the low-passes or the rows.
@@ -243,7 +241,7 @@ def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
     return state._replace(covariance=covariance + diagonal)
 
 
-def _noise(maths: Maths, loop: Loop, state: IdentifierState, step: Number) -> Pair:
+def _noise(maths: ArrayOps, loop: Loop, state: IdentifierState, step: Number) -> Pair:
     """Variance of both angles' noise (rad²)."""
     newest, second, third, last = (maths.numbers(state.angles[place]) for place in range(4))
     steps = maths.window(state.steps, state.age, 3)
@@ -258,7 +256,7 @@ def _noise(maths: Maths, loop: Loop, state: IdentifierState, step: Number) -> Pa
     return found[0], found[1]
 
 
-def _spoilt(maths: Maths, loop: Loop, joint: int, state: IdentifierState, step: Number) -> Array:
+def _spoilt(maths: ArrayOps, loop: Loop, joint: int, state: IdentifierState, step: Number) -> Array:
     """D x (n,): what the noise of the angles takes from a joint's row in the mean."""
     x = maths.numbers(state.unknowns)
     _, cos2 = maths.sine_cosine(maths.number(state.angles[0, 1]))
@@ -270,7 +268,7 @@ def _spoilt(maths: Maths, loop: Loop, joint: int, state: IdentifierState, step: 
     return maths.vector([*row, *[0.0 * s1] * (len(x) - BASE)])
 
 
-def _rows(maths: Maths, loop: Loop, state: IdentifierState, steps: Array, step: Number) -> Array:
+def _rows(maths: ArrayOps, loop: Loop, state: IdentifierState, steps: Array, step: Number) -> Array:
     """The newest rows (2, n + 1) before the low-passes: a column for each of n unknowns, and u.
 
     They are of the last steps (s); ``step`` is the loop's period (s).
@@ -315,7 +313,7 @@ def hat_weights(xp: Any, steps: Array, ages: Array, newer: Number, whole: Number
 
 
 def _update(
-    maths: Maths, loop: Loop, joint: int, columns: Array, state: IdentifierState, step: Number
+    maths: ArrayOps, loop: Loop, joint: int, columns: Array, state: IdentifierState, step: Number
 ) -> IdentifierState:
     """What a joint's row tells of the unknowns, and its noise: the errors' variance, and how long it is held."""
     driven, unknowns, covariance = joint == loop.joint, state.unknowns, state.covariance

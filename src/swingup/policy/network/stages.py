@@ -15,7 +15,7 @@ from ...common.checks import LARGEST_NUMBER, one_of
 from ...common.errors import SwingupError
 from ...common.settings import Range, in_range, read_values, settings_of
 from ...plant.base_parameters import BASE
-from ...plant.maths import TURN
+from ...plant.equations import TURN
 from ...plant.plant import Plant
 from ...plant.units import BASE_UNITS, VELOCITY, arm_scales, scaled
 

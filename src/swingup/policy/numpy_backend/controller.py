@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from ...plant.base_parameters import base_parameters
-from ...plant.maths import NUMPY
-from ...plant.robots import Robot
+from ...plant.equations import NUMPY
+from ...plant.plant import Robot
 from ...plant.units import TORQUE, arm_scales
 from ..contract import LoopController
 from ..estimator import core as estimator

@@ -30,8 +30,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...plant.base_parameters import Geometry, friction_of, geometry_of, lumped
-from ...plant.equations import Lumped, Number, mass_entries
-from ...plant.maths import Maths
+from ...plant.equations import ArrayOps, Lumped, Number, mass_entries
 from ...plant.plant import Plant
 from ...plant.units import C1, TORQUE, arm_scales, scaled, similar_plant
 from .settings import COULOMB_DAMPING, DRY_KNEE, DRY_SHARE, RICCATI_STEP, RegulatorSettings, fixed_point
@@ -100,7 +99,7 @@ def make_loop(
     return Loop(own, geometry_of(plant), joint, scales.similar(limit, TORQUE), start, *products)
 
 
-def begin(maths: Maths, loop: Loop) -> RegulatorState:
+def begin(maths: ArrayOps, loop: Loop) -> RegulatorState:
     """The policy acts."""
     return RegulatorState(maths.xp.asarray(loop.start), maths.xp.array(False))
 
@@ -115,7 +114,9 @@ def held(loop: Loop, theta: Any) -> Held:
     return Held(lumped(theta, loop.geometry), step, DRY_SHARE * coulomb, enter, leave)
 
 
-def regulate(maths: Maths, loop: Loop, state: RegulatorState, plant: Held, x: Any) -> tuple[RegulatorState, Number]:
+def regulate(
+    maths: ArrayOps, loop: Loop, state: RegulatorState, plant: Held, x: Any
+) -> tuple[RegulatorState, Number]:
     """The torque (N m) for a state x (4,), of meaning while the regulator acts."""
     # It follows the plant also while the policy acts, so that it can take over at once.
     P = loop.advanced(state.cost_to_go, plant.step)
@@ -130,7 +131,7 @@ def regulate(maths: Maths, loop: Loop, state: RegulatorState, plant: Held, x: An
     return RegulatorState(P, maths.where(finite, within, state.acting)), torque
 
 
-def as_if_linear(maths: Maths, plant: Lumped, driven: int, x: Any) -> tuple[tuple[Number, ...], Number]:
+def as_if_linear(maths: ArrayOps, plant: Lumped, driven: int, x: Any) -> tuple[tuple[Number, ...], Number]:
     """The errors (rad, rad/s) with which a linear plant has the pendulum's numbers, and gravity's slope (N m/rad).
 
     The numbers in a state x (4,) are the driven joint's angle and rate, and the undriven one's momentum and torque

@@ -1,0 +1,162 @@
+"""Files of plants, read and written: parameter files in YAML, URDF and MJCF; and the plants that the package ships.
+
+The parameter file's format is a flat YAML map with the key names of RealAIGym's ``model_parameters.yml``. Robots
+run policies without PyYAML and MuJoCo: their readers are imported where a file needs them.
+"""
+
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..common.checks import one_of
+from ..common.errors import SwingupError, naming, one_line, quoted
+from ..common.files import write_map
+from .base_parameters import BASE_NAMES, base_parameters
+from .plant import LEADERBOARD, NAMES, Plant, PlantLike, make_plant, validated
+
+PARAMETER_FILES, MODEL_FILES = (".yml", ".yaml"), (".urdf", ".xml", ".mjcf")
+"""Ends of the names of parameter files, and of files in other programs' formats."""
+
+PLANT_FILES = "a parameter file (.yml), a URDF (.urdf) or an MJCF (.xml)"
+"""The files of plants, for messages."""
+
+SHIPPED_PLANTS = ("A.0", "B.0", "C.0", "C.1", "cloudpendulum", "cloudpendulum-rods", LEADERBOARD.name)
+"""Plants that the package ships: RealAIGym's designs, a CloudPendulum as identified and as two rods, and the
+leaderboards'. All but the last are files in ``plant/shipped``, with their sources."""
+
+
+def load_plant(source: PlantLike) -> Plant:
+    """Find a plant by its name, or read it from a file.
+
+    Args:
+        source: one of :data:`SHIPPED_PLANTS`, a YAML file with RealAIGym's names (its ``model_parameters.yml``, or
+            what ``swingup identify`` wrote), a URDF or an MJCF that says all of a plant, or a plant, which is
+            checked. A YAML file with an entry ``plant`` has that plant's values where it gives none itself.
+
+    Raises:
+        SwingupError: there is no such plant, or the file cannot be read, lacks a value, has a range, or makes no
+            pendulum.
+    """
+    if isinstance(source, Plant):
+        return validated(source)
+    name = str(source)
+    if name in SHIPPED_PLANTS:
+        return _shipped_plant(name)
+    if not is_plant_name(name):
+        one_of("plant", name, SHIPPED_PLANTS, f" or {PLANT_FILES}")
+    with naming(f"plant {one_line(name)}"):
+        return _model_plant(name, name) if is_model_file(name) else _read_plant(name)
+
+
+def is_plant_name(name: str) -> bool:
+    """Whether a name is a shipped plant's or a file's, as the command line takes them."""
+    return name in SHIPPED_PLANTS or name.endswith(PARAMETER_FILES) or is_model_file(name)
+
+
+def is_model_file(name: str | Path) -> bool:
+    """Whether a name is that of a URDF or an MJCF; of xacro, the reader says what to do."""
+    return str(name).lower().endswith((*MODEL_FILES, ".xacro"))
+
+
+def base_plant(source: object, folder: str | Path) -> Plant:
+    """The plant that a file's entry ``plant`` names: a shipped one, or a file with all values."""
+    if isinstance(source, str) and source in SHIPPED_PLANTS:
+        return _shipped_plant(source)
+    if not isinstance(source, str) or not is_plant_name(source):
+        raise SwingupError(
+            f"plant = {quoted(source)} is not a plant: use {', '.join(SHIPPED_PLANTS)} or {PLANT_FILES}"
+        )
+    path = Path(folder) / source
+    if is_model_file(path):
+        return _model_plant(path, source)
+    return make_plant(_entries(path), f"parameter file {path}", source)
+
+
+def _shipped_plant(name: str) -> Plant:
+    if name == LEADERBOARD.name:
+        return LEADERBOARD
+    with resources.as_file(resources.files(__package__) / "shipped" / f"{name}.yml") as path:
+        return make_plant(_entries(path), f"parameter file {path}", name)
+
+
+def _model_plant(path: str | Path, name: str) -> Plant:
+    # Here, since a folder for a robot is without these readers.
+    from .model_files.files import read_model
+
+    facts = read_model(path).facts
+    missing = [each for each in NAMES if each not in facts]
+    if missing:
+        given = " ".join(f"{each}=..." for each in missing)
+        raise SwingupError(
+            f"it does not say {', '.join(missing)}: swingup plant {one_line(path)} --set {given} --out mine.yml"
+        )
+    return make_plant(facts, f"model file {path}", name)
+
+
+def _read_plant(file: str) -> Plant:
+    entries = _entries(file)
+    base = base_plant(entries["plant"], Path(file).parent).values() if "plant" in entries else {}
+    for name in NAMES:
+        if isinstance(entries.get(name), list):
+            raise SwingupError(
+                f"{name} = {quoted(entries[name])} is a range, and a plant has facts: "
+                "give one value, or use the file as a domain"
+            )
+    return make_plant(base | entries, f"parameter file {file}", file)
+
+
+def _entries(file: str | Path) -> dict[str, Any]:
+    # Here, since a robot that runs a policy may lack PyYAML.
+    from ..common.yaml_map import read_map
+
+    return read_map(file, "parameter")
+
+
+INERTIA_MARGIN = 1.05
+"""Inertia above that of a point mass, m r²."""
+
+
+def save_plant(path: str | Path, plant: Plant, comments: Sequence[str] = ()) -> None:
+    """Write a plant to a file, whose name says the format: YAML, URDF or MJCF.
+
+    ``load_plant`` reads the same numbers from it. Where they are those of no body, a URDF or an MJCF has bodies
+    that move alike, and the numbers beside them. Comments are lines of text above a YAML file's values.
+
+    Raises:
+        SwingupError: the file cannot be written, or no body moves as the plant does.
+    """
+    from .model_files.files import is_buildable, write_model
+
+    plant = validated(plant)
+    values = plant.values()
+    if str(path).lower().endswith(MODEL_FILES):
+        base = dict(zip(BASE_NAMES, base_parameters(plant).tolist(), strict=True))
+        alike = plant if is_buildable(values) else representative(base, plant)
+        write_model(path, Path(plant.name or path).name, alike.values(), values)
+        return
+    if not str(path).lower().endswith(PARAMETER_FILES):
+        raise SwingupError(f"cannot write {path}: name {PLANT_FILES}")
+    write_map(path, values, *comments)
+
+
+def representative(base: Mapping[str, float], start: Plant) -> Plant:
+    """A pendulum with these base parameters and frictions, whose links could be built if such a pendulum exists.
+
+    Its masses are near those of the start, whose lengths, gravity and limits it has.
+    """
+    l1, shoulder = float(start.l1), base["A"] - base["B"]
+    # Bodies in a simulation have no geared rotors: a part of the elbow's inertia is theirs (``without_rotors``).
+    least = INERTIA_MARGIN * base["m2r2"] ** 2 / (base["B"] - float(start.gr) * base["Ir"])
+    # Link 1 keeps a part of the inertia and of the moment, so that both stay positive.
+    most = min(0.95 * shoulder / l1**2, 0.98 * base["k"] / l1)
+    # Where link 2 is too heavy for its inertia, the masses cannot be consistent: the equations still hold.
+    m2 = float(np.clip(start.m2, least, most)) if 0 < least < most else most
+    rest, I1 = base["k"] - m2 * l1, shoulder - m2 * l1**2
+    # At a given m1 r1, m1 r1² falls with m1: heavy enough, link 1 can be built.
+    m1 = max(float(start.m1), INERTIA_MARGIN * rest**2 / I1)
+    links = {"m1": m1, "m2": m2, "r1": rest / m1, "r2": base["m2r2"] / m2, "I1": I1, "I2": base["B"]}
+    others = {name: base[name] for name in ("Ir", "b1", "b2", "cf1", "cf2")}
+    return validated(start.changed(**links, **others, name=""))
