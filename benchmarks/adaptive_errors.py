@@ -12,7 +12,7 @@ from swingup.benchmark.robustness_board import RobustnessBoard
 from swingup.benchmark.rollout import Scenario, apply_torque, initial_loop, measure
 from swingup.benchmark.runner import stack
 from swingup.common.files import write_atomically
-from swingup.controllers.interface.controller import AbstractController
+from swingup.controllers.interface import AbstractController
 from swingup.controllers.stack.estimator import EstimatingController
 from swingup.plant.base_parameters import BASE, BASE_NAMES, base_parameters
 

@@ -15,13 +15,13 @@ from swingup.benchmark.rollout import Scenario, simulate
 from swingup.benchmark.rules import SWEPT, ModelSweep, Sweep
 from swingup.benchmark.runner import run_many, stack
 from swingup.common.errors import SwingupError
-from swingup.controllers.interface.controller import AbstractController
-from swingup.controllers.stack.controller import make_controller
+from swingup.controllers.interface import AbstractController
 from swingup.controllers.stack.estimator import EstimatingController
+from swingup.controllers.stack.policy import make_controller
 from swingup.plant.base_parameters import BASE, base_parameters
 from swingup.plant.plant import LEADERBOARD, Plant, Robot, validated
 from swingup.plant.units import similar_plant
-from swingup.policy.identifier.settings import UNKNOWNS
+from swingup.policy.identifier import UNKNOWNS
 from swingup.policy.pendulum import PendulumPolicy
 
 GRID, MIDPOINTS, JOINT = "grid", "midpoints", "joint draws"

@@ -24,8 +24,8 @@ from holding_range import holding_range
 from swingup.benchmark.judge import judge
 from swingup.benchmark.rollout import Scenario, simulate
 from swingup.benchmark.runner import stack
-from swingup.controllers.stack.controller import make_controller
 from swingup.controllers.stack.estimator import EstimatingController
+from swingup.controllers.stack.policy import make_controller
 from swingup.controllers.stack.regulator import TRIANGLE
 from swingup.dynamics.dynamics import UPRIGHT
 from swingup.loop.domain import Domain, load_domain
@@ -33,7 +33,7 @@ from swingup.loop.draw import draw
 from swingup.plant.plant import ROBOTS, Robot
 from swingup.plant.units import similar_plant
 from swingup.policy.pendulum import PendulumPolicy
-from swingup.policy.regulator.settings import RegulatorSettings, fixed_point
+from swingup.policy.regulator import RegulatorSettings, fixed_point
 from swingup.policy.shipped import ADAPTIVE, load_policy
 
 OFF = np.array([0.005, 0.0, 0.0, 0.0])

@@ -22,10 +22,10 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm, solve_discrete_are
 
-from swingup.export.c_backend.header import c_header
+from swingup.export.c_header import c_header
 from swingup.loop.domain import SESSIONS, load_domain
 from swingup.plant.plant import get_robot
-from swingup.policy.guard.settings import choose_guard
+from swingup.policy.guard import choose_guard
 from swingup.policy.shipped import load_policy
 
 SECONDS = 10.0

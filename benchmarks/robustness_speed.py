@@ -18,7 +18,7 @@ from swingup.benchmark.judge import judge
 from swingup.benchmark.robustness_board import make_cases
 from swingup.benchmark.rules import CRITERIA
 from swingup.controllers.registry import get_controller
-from swingup.controllers.stack.controller import PolicyController
+from swingup.controllers.stack.policy import PolicyController
 from swingup.plant.plant import LEADERBOARD, Plant, get_robot
 
 SAMPLE = 2000

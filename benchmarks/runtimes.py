@@ -23,16 +23,15 @@ import onnxruntime
 
 from swingup.benchmark.judge import judge
 from swingup.controllers.registry import get_controller
-from swingup.controllers.stack.controller import policy_alone
-from swingup.export.c_backend.header import c_header
-from swingup.export.onnx_backend.graph import onnx_model
+from swingup.controllers.stack.policy import policy_alone
+from swingup.export.c_header import c_header
+from swingup.export.onnx_graph import onnx_model
 from swingup.plant.files import load_plant
-from swingup.policy.estimator.settings import EstimatorSettings
-from swingup.policy.guard.settings import GuardSettings
-from swingup.policy.identifier.settings import IdentifierSettings
-from swingup.policy.numpy_backend.controller import numpy_controller
-from swingup.policy.numpy_backend.network import NumpyNetwork
-from swingup.policy.plant_facts import policy_plant
+from swingup.policy.estimator import EstimatorSettings
+from swingup.policy.guard import GuardSettings
+from swingup.policy.identifier import IdentifierSettings
+from swingup.policy.numpy_backend import NumpyNetwork, numpy_controller
+from swingup.policy.pendulum import policy_plant
 from swingup.policy.shipped import ADAPTIVE, AR_EAPO, load_policy
 from swingup.runtime import load_controller
 

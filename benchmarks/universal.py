@@ -23,7 +23,7 @@ import numpy as np
 from swingup.benchmark.judge import judge
 from swingup.common import __version__
 from swingup.common.errors import SwingupError
-from swingup.controllers.stack.controller import make_controller, policy_alone
+from swingup.controllers.stack.policy import make_controller, policy_alone
 from swingup.learner.run_folder import BEST
 from swingup.learner.run_settings import make_run_settings
 from swingup.learner.start import resume_run, start_run

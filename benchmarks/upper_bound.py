@@ -25,7 +25,7 @@ from swingup.benchmark.rollout import Scenario, Trajectory, simulate
 from swingup.benchmark.runner import stack
 from swingup.controllers.baselines.continuation import SwingUps, continue_swingups
 from swingup.controllers.baselines.switch import LatchingSwitch
-from swingup.controllers.interface.controller import split
+from swingup.controllers.interface import split
 from swingup.plant.plant import ROBOTS, Plant
 
 

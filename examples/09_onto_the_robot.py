@@ -8,8 +8,8 @@ from statistics import median
 import numpy as np
 
 import swingup
-from swingup.export.c_backend.header import c_header
-from swingup.policy.guard.settings import default_guard
+from swingup.export.c_header import c_header
+from swingup.policy.guard import default_guard
 from swingup.policy.shipped import load_policy
 from swingup.runtime import load_controller
 

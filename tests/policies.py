@@ -5,8 +5,7 @@ import functools
 import jax
 
 from swingup.areapo.initial import init_actor
-from swingup.controllers.stack.controller import policy_alone
-from swingup.controllers.stack.policy import make_policy
+from swingup.controllers.stack.policy import make_policy, policy_alone
 from swingup.policy.file import read_network
 from swingup.policy.shipped import load_policy
 

@@ -94,7 +94,15 @@ def ours():
 def test_both_hold_every_file_of_the_package_and_nothing_else(distributions):
     inside = {name for name in zipfile.ZipFile(distributions[0]).namelist() if ".dist-info/" not in name}
     assert inside == ours()
-    endings = ("py.typed", ".safetensors", ".csv", ".yml", "policy/contract.h", "guard/core.h", "assets/page.html")
+    endings = (
+        "py.typed",
+        ".safetensors",
+        ".csv",
+        ".yml",
+        "policy/contract.h",
+        "policy/guard.h",
+        "assets/page.html",
+    )
     assert [ending for ending in endings if not any(name.endswith(ending) for name in inside)] == []
     with tarfile.open(distributions[1]) as archive:
         names = {file.name.partition("/")[2] for file in archive if file.isfile()}

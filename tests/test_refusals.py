@@ -24,9 +24,8 @@ from swingup.benchmark.rules import PushRules
 from swingup.cli.exporting import plot_command
 from swingup.common.errors import one_line, quoted
 from swingup.controllers.baselines.baselines import baseline, shipped_reference
-from swingup.controllers.stack.controller import policy_of
-from swingup.controllers.stack.policy import Policy
-from swingup.export.c_backend.header import c_header
+from swingup.controllers.stack.policy import Policy, policy_of
+from swingup.export.c_header import c_header
 from swingup.gym import PendulumEnv, PendulumVectorEnv
 from swingup.identification.excitation import excite
 from swingup.learner.run_settings import RunSettings

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from .benchmark.leaderboard import leaderboard as leaderboard
     from .benchmark.result import Result as Result
     from .controllers.baselines.baselines import baseline as baseline
-    from .controllers.interface.check import check_controller as check_controller
-    from .controllers.interface.compiled import loop_controller as loop_controller
-    from .controllers.interface.controller import AbstractController as AbstractController
+    from .controllers.check import check_controller as check_controller
+    from .controllers.interface import AbstractController as AbstractController
+    from .controllers.interface import loop_controller as loop_controller
     from .controllers.registry import get_controller as get_controller
     from .export.realaigym import RealAIGymController as RealAIGymController
     from .identification.identify import Identification as Identification
@@ -32,23 +32,23 @@ if TYPE_CHECKING:
     from .plant.measured import measured_plant as measured_plant
     from .plant.plant import Plant as Plant
     from .policy.shipped import load_policy as load_policy
+    from .rehearsal.rehearse import Rehearsal as Rehearsal
     from .rehearsal.rehearse import rehearse as rehearse
-    from .rehearsal.result import Rehearsal as Rehearsal
     from .sweep.search import search as search
 
 _HOMES = {
     "AREAPO": "learner.agent",
     "AbstractBoard": "benchmark.board",
-    "AbstractController": "controllers.interface.controller",
+    "AbstractController": "controllers.interface",
     "BOARDS": "benchmark.boards",
     "DisturbanceSettings": "benchmark.disturbances",
     "Plant": "plant.plant",
     "RealAIGymController": "export.realaigym",
     "Result": "benchmark.result",
     "Table": "benchmark.leaderboard",
-    "Rehearsal": "rehearsal.result",
+    "Rehearsal": "rehearsal.rehearse",
     "baseline": "controllers.baselines.baselines",
-    "check_controller": "controllers.interface.check",
+    "check_controller": "controllers.check",
     "get_controller": "controllers.registry",
     "identify": "identification.identify",
     "Identification": "identification.identify",
@@ -56,7 +56,7 @@ _HOMES = {
     "leaderboard": "benchmark.leaderboard",
     "load_plant": "plant.files",
     "load_policy": "policy.shipped",
-    "loop_controller": "controllers.interface.compiled",
+    "loop_controller": "controllers.interface",
     "measured_plant": "plant.measured",
     "rehearse": "rehearsal.rehearse",
     "save_plant": "plant.files",

@@ -7,5 +7,5 @@ The import takes a few milliseconds more than NumPy's.
 """
 
 # A name imported as itself is public to type checkers.
-from .policy.numpy_backend.controller import load_controller as load_controller
-from .policy.numpy_backend.controller import numpy_controller as numpy_controller
+from .policy.numpy_backend import load_controller as load_controller
+from .policy.numpy_backend import numpy_controller as numpy_controller

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from swingup.benchmark.boards import ROBUSTNESS
-from swingup.controllers.interface.controller import AbstractController
+from swingup.controllers.interface import AbstractController
 from swingup.loop.domain import make_domain
 
 V2 = ROBUSTNESS

@@ -8,8 +8,8 @@ import pytest
 from refusals import refusal
 from swingup.benchmark.leaderboard import ENTRANTS, FURTHER, entrants_for, leaderboard, published_rows
 from swingup.benchmark.rules import CRITERIA
-from swingup.controllers.stack.controller import PolicyController
 from swingup.controllers.stack.estimator import EstimatingController
+from swingup.controllers.stack.policy import PolicyController
 from swingup.controllers.stack.regulator import RegulatingController
 from swingup.policy.shipped import ADAPTIVE, AR_EAPO
 

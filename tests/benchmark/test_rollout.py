@@ -14,7 +14,7 @@ from swingup.benchmark.disturbances import draw_pushes
 from swingup.benchmark.rollout import Scenario, simulate
 from swingup.benchmark.rules import PushRules
 from swingup.benchmark.runner import run_one
-from swingup.controllers.interface.python_controller import PythonController
+from swingup.controllers.interface import PythonController
 from swingup.dynamics.integrate import rk4_steps
 from swingup.loop.disturbance import step_noise, undisturbed
 from swingup.loop.domain import make_domain

@@ -8,7 +8,7 @@ import pytest
 from policies import lone_policy
 from swingup import load_plant, load_policy
 from swingup.controllers.baselines.baselines import shipped_reference
-from swingup.controllers.stack.controller import save_controller
+from swingup.controllers.stack.policy import save_controller
 from swingup.controllers.swingups.reference import load_reference, load_reference_csv
 
 

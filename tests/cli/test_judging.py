@@ -12,7 +12,7 @@ from swingup.benchmark.columns import COLUMNS
 from swingup.benchmark.leaderboard import Row, Table, published_rows
 from swingup.cli import judging, main
 from swingup.cli.results import TABLE_FORMATS, show_tables
-from swingup.controllers.stack.controller import save_controller
+from swingup.controllers.stack.policy import save_controller
 from swingup.plant.plant import ROBOTS
 
 KEYS = [

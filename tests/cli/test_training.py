@@ -18,7 +18,7 @@ from swingup.benchmark.boards import BOARDS
 from swingup.cli import main, refining
 from swingup.common.settings import read_settings
 from swingup.learner.metrics import read_metrics
-from swingup.policy.estimator.settings import EstimatorSettings
+from swingup.policy.estimator import EstimatorSettings
 from swingup.policy.shipped import DEFAULT, load_policy
 from swingup.refine import recipe
 from swingup.refine.analytic_policy_gradient import EpisodeSettings, PolicyGradientSettings

@@ -9,12 +9,11 @@ import pytest
 import swingup
 from policies import lone_policy
 from refusals import refusal
-from swingup.controllers.interface.check import check_controller
-from swingup.controllers.interface.controller import AbstractController
-from swingup.controllers.interface.python_controller import PythonController, answer
+from swingup.controllers.check import check_controller
+from swingup.controllers.interface import AbstractController, PythonController, answer
 from swingup.controllers.registry import get_controller
 from swingup.plant.plant import ROBOTS, get_robot
-from swingup.policy.numpy_backend.controller import numpy_controller
+from swingup.policy.numpy_backend import numpy_controller
 from swingup.policy.shipped import load_policy
 from swingup.runtime import load_controller
 

@@ -12,12 +12,12 @@ from benchmark import controllers
 from policies import lone_policy
 from refusals import refusal
 from swingup.controllers.baselines.switch import LatchingSwitch
-from swingup.controllers.interface.time import split_time
+from swingup.controllers.interface import split_time
 from swingup.controllers.registry import get_controller, has_estimator
-from swingup.controllers.stack.controller import PolicyController, save_controller
+from swingup.controllers.stack.policy import PolicyController, save_controller
 from swingup.plant.plant import LEADERBOARD
 from swingup.policy import shipped
-from swingup.policy.estimator.settings import EstimatorSettings
+from swingup.policy.estimator import EstimatorSettings
 
 
 def test_policy_files_say_whether_an_estimator_is_meant(tmp_path):

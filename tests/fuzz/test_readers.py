@@ -17,13 +17,13 @@ from swingup import BOARDS, SwingupError, load_plant, measured_plant, save_plant
 from swingup.areapo.checkpoint import load_checkpoint, read_metadata
 from swingup.benchmark.recording import load_trajectory
 from swingup.controllers.swingups.reference import load_reference, load_reference_csv
-from swingup.export.c_backend.header import c_header
+from swingup.export.c_header import c_header
 from swingup.identification.recording import read_recording
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run_settings import read_run_settings
 from swingup.loop.domain import load_domain
 from swingup.policy.file import read_network
-from swingup.policy.numpy_backend.controller import numpy_controller
+from swingup.policy.numpy_backend import numpy_controller
 from swingup.policy.pendulum import read_pendulum_policy
 from swingup.report.figures import curves_figure, read_robustness, robustness_figure
 

@@ -17,8 +17,7 @@ from swingup.learner.metrics import MetricsWriter, read_metrics
 from swingup.learner.rates import RESETS, REWARD_RATE, describe_rates, step_time, training_resets
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, ROBOTS
-from swingup.policy.pendulum import read_pendulum_policy
-from swingup.policy.plant_facts import policy_plant
+from swingup.policy.pendulum import policy_plant, read_pendulum_policy
 from swingup.refine.recipe import run_recipe
 from swingup.tasks.presets import smooth_task
 

@@ -14,7 +14,7 @@ from policies import load_any_policy, lone_policy
 from refusals import refusal
 from swingup.areapo.config import Config
 from swingup.benchmark.boards import BOARDS
-from swingup.controllers.stack.controller import save_controller
+from swingup.controllers.stack.policy import save_controller
 from swingup.learner import compiled_backend
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset

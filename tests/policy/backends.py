@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from swingup.controllers.stack.controller import make_controller, policy_alone
-from swingup.export.c_backend.header import c_header
-from swingup.export.javascript_backend.page import policy_data, policy_script
-from swingup.export.onnx_backend.graph import onnx_model
-from swingup.policy.numpy_backend.controller import numpy_controller
+from swingup.controllers.stack.policy import make_controller, policy_alone
+from swingup.export.c_header import c_header
+from swingup.export.javascript import policy_data, policy_script
+from swingup.export.onnx_graph import onnx_model
+from swingup.policy.numpy_backend import numpy_controller
 
 from . import compiled
 from .references import TOLERANCE, alone, replay

@@ -10,19 +10,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from policies import new_actor
-from swingup.controllers.stack.controller import PolicyController, make_controller, policy_alone, policy_of
-from swingup.controllers.stack.policy import Policy
+from swingup.controllers.stack.policy import Policy, PolicyController, make_controller, policy_alone, policy_of
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.equations import NUMPY, damped_midpoint_step
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, get_robot, lump
-from swingup.policy.estimator.settings import EstimatorSettings
-from swingup.policy.identifier.settings import IdentifierSettings
-from swingup.policy.network.layers import Layer
-from swingup.policy.numpy_backend.controller import numpy_controller
-from swingup.policy.plant_facts import policy_plant
-from swingup.policy.regulator.settings import RegulatorSettings
+from swingup.policy.estimator import EstimatorSettings
+from swingup.policy.identifier import IdentifierSettings
+from swingup.policy.network import Layer
+from swingup.policy.numpy_backend import numpy_controller
+from swingup.policy.pendulum import policy_plant
+from swingup.policy.regulator import RegulatorSettings
 from swingup.policy.shipped import ADAPTIVE, AR_EAPO, SHIPPED_POLICIES, load_policy
 from swingup.tasks.observation import NormaliseStage, PendulumStage, PlantStage
 

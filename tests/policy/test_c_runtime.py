@@ -8,9 +8,9 @@ import subprocess
 import numpy as np
 import pytest
 
-from swingup.export.c_backend.header import c_data, c_header, runtime
-from swingup.policy.guard.settings import default_guard
-from swingup.policy.numpy_backend.network import NumpyNetwork
+from swingup.export.c_header import c_data, c_header, runtime
+from swingup.policy.guard import default_guard
+from swingup.policy.numpy_backend import NumpyNetwork
 from swingup.policy.shipped import load_policy
 
 from .compiled import CAREFUL, STRICT, build, compile_header, compile_program, gcc, needs_gcc, pointer, torques

@@ -12,7 +12,7 @@ import pytest
 
 from swingup.dynamics.dynamics import UPRIGHT
 from swingup.plant.base_parameters import base_parameters
-from swingup.policy.numpy_backend.controller import numpy_controller
+from swingup.policy.numpy_backend import numpy_controller
 
 from . import references
 from .backends import BACK_ENDS

@@ -10,9 +10,9 @@ import pytest
 from benchmark.independent import derivative, rk4
 from swingup.plant.equations import NUMPY
 from swingup.plant.plant import LEADERBOARD
-from swingup.policy.estimator import core
-from swingup.policy.estimator.settings import POSITION_NOISE, EstimatorSettings, kalman_gains
-from swingup.policy.numpy_backend.controller import numpy_controller
+from swingup.policy import estimator
+from swingup.policy.estimator import POSITION_NOISE, EstimatorSettings, kalman_gains
+from swingup.policy.numpy_backend import numpy_controller
 
 from .references import DT, ENCODER, policy
 
@@ -71,7 +71,7 @@ def test_kalman_gains(changes):
 
 
 def by_the_document(settings, p, measurements, torques):
-    """What a controller is shown, by the equations of ``estimator/core.py``; ``torques`` are what it answers."""
+    """What a controller is shown, by the equations of ``policy/estimator.py``; ``torques`` are what it answers."""
     dt, N, limit = settings.dt, settings.max_delay_steps, p.tl1
     gains, values = kalman_gains(settings), p.values()
 
@@ -96,10 +96,10 @@ def by_the_document(settings, p, measurements, torques):
             for n in range(N + 1):
                 a = (u[n] - u[m]) * b
                 d[n] = [*(d[n, :2] + dt * d[n, 2:] + dt**2 / 2 * a), *(d[n, 2:] + dt * a)]
-                far = np.sum((e - d[n])[:2] ** 2) / core.OUTLIER_SCALE**2
-                S[n] = np.exp(-dt / core.EVIDENCE_TIME) * S[n] + np.log(1 + far)
+                far = np.sum((e - d[n])[:2] ** 2) / estimator.OUTLIER_SCALE**2
+                S[n] = np.exp(-dt / estimator.EVIDENCE_TIME) * S[n] + np.log(1 + far)
                 d[n] -= correct(d[n])
-            m = int(np.argmin(S + core.DELAY_PENALTY * np.arange(N + 1)))
+            m = int(np.argmin(S + estimator.DELAY_PENALTY * np.arange(N + 1)))
             estimate, d = p_next + correct(e) + d[m], d - d[m]
             seen = estimate
             U = np.concatenate([[0.0], np.cumsum(u)])
@@ -117,19 +117,19 @@ PENDUBOT = LEADERBOARD.driven("pendubot")
 def test_it_does_what_the_document_says(monkeypatch):
     settings, steps = EstimatorSettings(max_delay_steps=5), 60
     # So that the delay changes within some calls.
-    monkeypatch.setattr(core, "DELAY_PENALTY", 0.1)
-    monkeypatch.setattr(core, "EVIDENCE_TIME", 0.05)
+    monkeypatch.setattr(estimator, "DELAY_PENALTY", 0.1)
+    monkeypatch.setattr(estimator, "EVIDENCE_TIME", 0.05)
     random = np.random.default_rng(3)
     measured = np.cumsum(random.normal(size=(steps, 4)) * [5e-4, 5e-4, 0.2, 0.2], axis=0)
     measured += np.array([3.0, 0.5, 0.0, 0.0])
     measured[30:, 0] -= 2 * np.pi
     torques = np.clip(1.0 + 7.0 * random.choice([-1.0, 1.0], steps // 4).repeat(4), -6.0, 6.0)
-    loop = core.make_loop(settings, PENDUBOT, 0)
-    state, shown = core.begin(NUMPY, loop), []
+    loop = estimator.make_loop(settings, PENDUBOT, 0)
+    state, shown = estimator.begin(NUMPY, loop), []
     for k in range(steps):
-        state, seen = core.observe(NUMPY, loop, state, None, k * DT, measured[k])
+        state, seen = estimator.observe(NUMPY, loop, state, None, k * DT, measured[k])
         shown.append((seen, int(state.delay_steps)))
-        state = core.remember(NUMPY, loop, state, np.array([torques[k], 0.0]))
+        state = estimator.remember(NUMPY, loop, state, np.array([torques[k], 0.0]))
     found, delay_steps = (np.array(each) for each in zip(*shown, strict=True))
     expected, chosen = by_the_document(settings, PENDUBOT, measured, torques)
     np.testing.assert_array_equal(delay_steps, chosen)
@@ -156,25 +156,25 @@ def test_an_encoder_with_noisy_velocities_swings_up():
     assert seen < 0.14 * measured
 
 
-LOOP = core.make_loop(EstimatorSettings(), PENDUBOT, 0)
+LOOP = estimator.make_loop(EstimatorSettings(), PENDUBOT, 0)
 HERE, THERE = np.array([0.1, 0.2, 0.3, 0.4]), np.array([1.0, -1.0, 2.0, -2.0])
 NEAR = HERE + 0.01
 
 
 def fed(*measurements):
     """What is remembered after measurements, each a step after the other, and what is seen last."""
-    state, seen = core.begin(NUMPY, LOOP), None
+    state, seen = estimator.begin(NUMPY, LOOP), None
     for index, x in enumerate(measurements):
         with np.errstate(all="ignore"):
-            state, seen = core.observe(NUMPY, LOOP, state, None, index * DT, x)
-        state = core.remember(NUMPY, LOOP, state, np.array([6.0, 0.0]))
+            state, seen = estimator.observe(NUMPY, LOOP, state, None, index * DT, x)
+        state = estimator.remember(NUMPY, LOOP, state, np.array([6.0, 0.0]))
     return state, seen
 
 
 @pytest.mark.parametrize("t", [5.1 * DT, 60.0, 0.0])
 def test_a_pause_or_a_clock_set_back_restarts_from_the_measurement(t):
     state = fed(HERE, HERE)[0]._replace(delay_steps=np.array(3))
-    state, seen = core.observe(NUMPY, LOOP, state, None, t, NEAR)
+    state, seen = estimator.observe(NUMPY, LOOP, state, None, t, NEAR)
     np.testing.assert_array_equal(seen, NEAR)
     np.testing.assert_array_equal(state.state, NEAR)
     assert state.delay_steps == 3
@@ -183,7 +183,7 @@ def test_a_pause_or_a_clock_set_back_restarts_from_the_measurement(t):
 
 
 def test_a_late_call_is_no_pause():
-    seen = core.observe(NUMPY, LOOP, fed(HERE)[0], None, 1.4 * DT, NEAR)[1]
+    seen = estimator.observe(NUMPY, LOOP, fed(HERE)[0], None, 1.4 * DT, NEAR)[1]
     assert np.abs(seen - NEAR).max() > 0.001
 
 

@@ -10,18 +10,16 @@ import pytest
 from array_files import change_file, write_file
 from policies import load_any_policy, lone_policy
 from refusals import refusal
-from swingup.controllers.stack.controller import make_controller, policy_of, save_controller
-from swingup.controllers.stack.policy import Policy
-from swingup.export.c_backend.header import c_header
+from swingup.controllers.stack.policy import Policy, make_controller, policy_of, save_controller
+from swingup.export.c_header import c_header
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, get_robot
-from swingup.policy.estimator.settings import EstimatorSettings
+from swingup.policy.estimator import EstimatorSettings
 from swingup.policy.file import read_network, write_network
-from swingup.policy.guard.settings import GuardSettings
-from swingup.policy.identifier.settings import IdentifierSettings
-from swingup.policy.pendulum import PARTS, read_pendulum_policy, write_pendulum_policy
-from swingup.policy.plant_facts import policy_plant, write_plant
-from swingup.policy.regulator.settings import RegulatorSettings
+from swingup.policy.guard import GuardSettings
+from swingup.policy.identifier import IdentifierSettings
+from swingup.policy.pendulum import PARTS, policy_plant, read_pendulum_policy, write_pendulum_policy, write_plant
+from swingup.policy.regulator import RegulatorSettings
 
 from .references import sighted_policy, small_policy
 

@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from swingup.controllers.interface.compiled import loop_controller
+from swingup.controllers.interface import loop_controller
 from swingup.controllers.registry import get_controller
-from swingup.export.c_backend.header import c_header
+from swingup.export.c_header import c_header
 from swingup.export.realaigym import RealAIGymController
-from swingup.policy.estimator.settings import EstimatorSettings
-from swingup.policy.guard.settings import SENTENCES, GuardSettings, Reason, choose_guard
-from swingup.policy.numpy_backend.controller import numpy_controller
+from swingup.policy.estimator import EstimatorSettings
+from swingup.policy.guard import SENTENCES, GuardSettings, Reason, choose_guard
+from swingup.policy.numpy_backend import numpy_controller
 from swingup.runtime import load_controller
 
 from . import compiled

@@ -10,19 +10,25 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from swingup.controllers.stack.maths import JAX
+from swingup.controllers.stack.estimator import JAX
 from swingup.loop.disturbance import late_period
 from swingup.loop.loop import Loop
 from swingup.plant.base_parameters import BASE, base_parameters
 from swingup.plant.equations import NUMPY, Friction, damped_midpoint_step, friction
 from swingup.plant.plant import LEADERBOARD, get_robot, lump
-from swingup.policy.estimator.settings import EstimatorSettings
-from swingup.policy.identifier import core
-from swingup.policy.identifier import settings as chosen
-from swingup.policy.identifier.compensation import Load, compensation
-from swingup.policy.identifier.settings import GAIN, LAG, IdentifierSettings, offsets
-from swingup.policy.identifier.state import IdentifierState, make_loop
-from swingup.policy.numpy_backend.controller import numpy_controller
+from swingup.policy import identifier
+from swingup.policy.estimator import EstimatorSettings
+from swingup.policy.identifier import (
+    GAIN,
+    LAG,
+    IdentifierSettings,
+    IdentifierState,
+    Load,
+    compensation,
+    make_loop,
+    offsets,
+)
+from swingup.policy.numpy_backend import numpy_controller
 
 from .references import policy
 
@@ -61,18 +67,18 @@ def moved(
     """
     loop = make_loop(LEADERBOARD.driven(robot), robot.joint, DT, 25, settings)
     load, passive, limit = load or Load((0.0, 0.0), (0.0, 0.0)), 1 - robot.joint, loop.passive_limit
-    state, lumped, t, since = core.begin(NUMPY, loop), lump(plant), 0.0, DT
+    state, lumped, t, since = identifier.begin(NUMPY, loop), lump(plant), 0.0, DT
     past, rows, unknowns = [(0.0,) * 4] * (late + 1), [], []
     for step, (delay, period) in enumerate(zip(np.broadcast_to(told, len(periods)), periods, strict=True)):
         seen, x, u = change(step, np.array(past[-1][:2])), past[0], np.zeros(2)
         if step == break_at:
-            state = core.restart(NUMPY, loop, state)
+            state = identifier.restart(NUMPY, loop, state)
         with np.errstate(invalid="ignore"):
-            state = core.observe(NUMPY, loop, state, seen, int(delay), float(since))
-        b, cf = (pair[passive] for pair in core.found(NUMPY, loop, state).commanded_friction)
+            state = identifier.observe(NUMPY, loop, state, seen, int(delay), float(since))
+        b, cf = (pair[passive] for pair in identifier.found(NUMPY, loop, state).commanded_friction)
         u[robot.joint] = 1.5 * math.sin(6.5 * t) + math.sin(15 * t + 1)
         u[passive] = np.clip(friction(b, cf, x[2 + passive], math.atan), -limit, limit)
-        state = core.remember(NUMPY, state, u)
+        state = identifier.remember(NUMPY, state, u)
         rows.append((step == break_at, seen, int(delay), since, u))
         unknowns.append(state.unknowns)
         applied = u * np.where(np.arange(2) == passive, gain, 1.0)
@@ -81,7 +87,7 @@ def moved(
             torques = (applied - load.at(*x[:2])).tolist()
             x = damped_midpoint_step(lumped, plant.friction, x, torques, float(period) / FINE, NUMPY)
         past, since, t = [x, *past[:late]], period, t + period
-    return Moved(loop, state, core.found(NUMPY, loop, state), np.array(unknowns), rows)
+    return Moved(loop, state, identifier.found(NUMPY, loop, state), np.array(unknowns), rows)
 
 
 def errors(unknowns, plant=OTHER):
@@ -138,7 +144,7 @@ def test_the_noise_of_the_angles_is_measured_and_what_it_makes_of_accelerations_
     rows, keep = (noise[8:] - 2 * noise[4:-4] + noise[:-8]) / 0.008**2, math.exp(-60 * DT)
     for _ in range(3):
         rows = lfilter([1 - keep], [1, -keep], rows)
-    assert rows[1000:].var() == pytest.approx(chosen.noise_gain(DT), rel=0.05)
+    assert rows[1000:].var() == pytest.approx(identifier.noise_gain(DT), rel=0.05)
 
 
 def test_delay():
@@ -158,13 +164,13 @@ def test_a_pause_keeps_what_was_found():
 def test_what_is_learned_is_finite_or_nothing():
     """Beside a covariance that overflows."""
     loop = make_loop(NOMINAL, ROBOT.joint, DT, 25, IdentifierSettings())
-    state = core.begin(NUMPY, loop)
+    state = identifier.begin(NUMPY, loop)
     for step in range(60):
         if step == 50:
             state.covariance[:], kept = 1e308, state.unknowns
         with np.errstate(over="ignore", invalid="ignore"):
             q = np.array([0.5 + 0.02 * step, 0.3 * np.sin(0.1 * step)])
-            state = core.observe(NUMPY, loop, state, q, 0, DT)
+            state = identifier.observe(NUMPY, loop, state, q, 0, DT)
     assert not np.array_equal(kept, loop.mean)
     np.testing.assert_array_equal(state.unknowns, kept)
     assert np.isfinite(state.covariance).all()
@@ -173,7 +179,7 @@ def test_what_is_learned_is_finite_or_nothing():
 def test_hat():
     # Newest first: the hat's peak is 3 s ago, its area 1, its height 2/8.
     steps = np.array([1.0, 2.0, 4.0, 1.0])
-    mean, slope = core.hat_weights(np, steps, np.array([0.0, 1.0, 3.0, 7.0, 8.0]), 3.0, 8.0)
+    mean, slope = identifier.hat_weights(np, steps, np.array([0.0, 1.0, 3.0, 7.0, 8.0]), 3.0, 8.0)
     assert mean.sum() == pytest.approx(1)
     assert mean[0] == pytest.approx(0.5 * 1 * 0.25 / 3)
     assert slope.sum() == pytest.approx(0)
@@ -193,9 +199,9 @@ def test_one_spoilt_angle_is_soon_forgotten(by):
 
 def test_negative_friction_is_found_and_not_predicted_with():
     loop = make_loop(NOMINAL, ROBOT.joint, DT, 25, UNCOMPENSATED)
-    state = core.begin(NUMPY, loop)
+    state = identifier.begin(NUMPY, loop)
     state.unknowns[4:8] = -0.1, 0.1, 0.2, -0.2
-    told = core.found(NUMPY, loop, state)
+    told = identifier.found(NUMPY, loop, state)
     np.testing.assert_allclose(told.theta[4:8], [-0.1, 0.1, 0.2, -0.2], rtol=1e-6)
     np.testing.assert_allclose(told.model.friction, [[0.0, 0.1], [0.2, 0.0]], rtol=1e-6, atol=1e-12)
 
@@ -218,16 +224,16 @@ def test_jax_finds_the_same(x64, given):
 
     def step(memory, row):
         broken, angles, delay, period, torques = row
-        again = core.restart(JAX, loop, memory)
+        again = identifier.restart(JAX, loop, memory)
         memory = jax.tree.map(lambda new, old: jnp.where(broken, new, old), again, memory)
-        memory = core.remember(JAX, core.observe(JAX, loop, memory, angles, delay, period), torques)
+        memory = identifier.remember(JAX, identifier.observe(JAX, loop, memory, angles, delay, period), torques)
         return memory, memory.unknowns
 
     columns = tuple(jnp.array(column) for column in zip(*rows, strict=True))
-    memory, expected = jax.jit(lambda rows: jax.lax.scan(step, core.begin(JAX, loop), rows))(columns)
+    memory, expected = jax.jit(lambda rows: jax.lax.scan(step, identifier.begin(JAX, loop), rows))(columns)
     scale = np.sqrt(np.diagonal(loop.covariance))
     np.testing.assert_allclose(unknowns / scale, expected / scale, rtol=0, atol=1e-9)
-    leaves = (jax.tree.leaves(each) for each in (found, core.found(JAX, loop, memory)))
+    leaves = (jax.tree.leaves(each) for each in (found, identifier.found(JAX, loop, memory)))
     for ours, other in zip(*leaves, strict=True):
         np.testing.assert_allclose(ours, other, rtol=0, atol=1e-9)
 
@@ -242,7 +248,7 @@ def test_it_finds_the_plant_at_other_periods(periods):
 
 def test_uneven_calls_tell_the_age_which_makes_late_angles_as_good_as_present_ones(monkeypatch):
     known = moved(OTHER, late=3, periods=RECORDED)
-    monkeypatch.setattr(chosen, "AGE_CAUTION", math.inf)  # the age stays 0
+    monkeypatch.setattr(identifier, "AGE_CAUTION", math.inf)  # the age stays 0
     unknown = moved(OTHER, late=3, periods=RECORDED)
     assert (known.state.age, unknown.state.age) == (3, 0)
     good, bad = (errors(each.unknowns[-1])[:4].max() for each in (known, unknown))
@@ -257,7 +263,7 @@ def test_old_angles_are_carried_ahead_over_the_time_that_passed():
     steps = np.array([0.003, 0.002, 0.004, 0.002])
     for age, expected in ((0, 0.0), (1, 0.0025), (3, 0.0075)):
         state = IdentifierState(*[None] * len(IdentifierState._fields))._replace(age=np.array(age), steps=steps)
-        assert core.elapsed(NUMPY, state, 0.0025) == pytest.approx(expected, abs=1e-15)
+        assert identifier.elapsed(NUMPY, state, 0.0025) == pytest.approx(expected, abs=1e-15)
 
 
 @pytest.mark.parametrize(("pause", "calls"), [(3.9, 31), (4.1, 1), (-1.0, 1), (5e-7, 30), (0.61, 31)])

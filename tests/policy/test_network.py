@@ -10,17 +10,13 @@ import pytest
 
 from policies import lone_policy
 from swingup.areapo.networks import Actor
-from swingup.controllers.stack.controller import policy_of, save_controller
-from swingup.controllers.stack.policy import Policy
+from swingup.controllers.stack.policy import Policy, policy_of, save_controller
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD
-from swingup.policy.network.layers import Layer, Network, fold, largest_feature
-from swingup.policy.network.stages import PendulumStage, PlantStage
-from swingup.policy.numpy_backend.controller import numpy_controller
-from swingup.policy.numpy_backend.network import NumpyNetwork
-from swingup.policy.pendulum import read_pendulum_policy
-from swingup.policy.plant_facts import policy_plant
+from swingup.policy.network import Layer, Network, PendulumStage, PlantStage, fold, largest_feature
+from swingup.policy.numpy_backend import NumpyNetwork, numpy_controller
+from swingup.policy.pendulum import policy_plant, read_pendulum_policy
 from swingup.tasks import observation
 
 from .references import in_double, random_layer, random_states, sighted_policy, small_policy

@@ -8,16 +8,15 @@ import pytest
 
 from refusals import refusal
 from swingup.controllers.registry import get_controller
-from swingup.controllers.stack.controller import policy_alone
+from swingup.controllers.stack.policy import policy_alone
 from swingup.loop.on_plant import drawn_around
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.equations import NUMPY, Friction, damped_midpoint_step
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, get_robot, lump
 from swingup.plant.units import Scales, arm_scales, scales_of, similar_plant
-from swingup.policy.network.stages import PlantStage
-from swingup.policy.pendulum import for_plant
-from swingup.policy.plant_facts import plant_difference, policy_plant
+from swingup.policy.network import PlantStage
+from swingup.policy.pendulum import for_plant, plant_difference, policy_plant
 from swingup.policy.shipped import load_policy
 from swingup.refine.recipe import on_plant, shipped_for, wrapped_policy
 

@@ -11,19 +11,18 @@ from scipy.linalg import solve_discrete_are
 
 from benchmark.independent import derivative, gravity, rk4
 from swingup.controllers.baselines.lqr import linearised
-from swingup.controllers.interface.controller import AbstractController, check_interface
+from swingup.controllers.interface import AbstractController, check_interface
 from swingup.controllers.stack.estimator import with_estimator
 from swingup.controllers.stack.regulator import with_regulator
 from swingup.dynamics.dynamics import UPRIGHT
 from swingup.plant.base_parameters import base_parameters, geometry_of, lumped
 from swingup.plant.equations import NUMPY
 from swingup.plant.plant import LEADERBOARD, ROBOTS, get_robot
-from swingup.policy.identifier.settings import IdentifierSettings
-from swingup.policy.numpy_backend.regulator import held, regulator_loop
-from swingup.policy.plant_facts import policy_plant
-from swingup.policy.regulator import core
-from swingup.policy.regulator import settings as chosen
-from swingup.policy.regulator.settings import STATE_WEIGHTS, TORQUE_WEIGHT, RegulatorSettings, fixed_point
+from swingup.policy import regulator as equations
+from swingup.policy.identifier import IdentifierSettings
+from swingup.policy.numpy_backend import held, regulator_loop
+from swingup.policy.pendulum import policy_plant
+from swingup.policy.regulator import STATE_WEIGHTS, TORQUE_WEIGHT, RegulatorSettings, fixed_point
 
 from .references import UNSOUND
 
@@ -45,7 +44,7 @@ def designed(plant, robot):
 
     The latter fades by a millionth in each. Dry friction cf is damping too.
     """
-    h = chosen.RICCATI_STEP
+    h = equations.RICCATI_STEP
     b1, b2 = (b + cf + max(cf, 0.0) ** 2 / 0.012 for b, cf in ((plant.b1, plant.cf1), (plant.b2, plant.cf2)))
     damped = dataclasses.replace(plant, b1=b1, b2=b2, cf1=0.0, cf2=0.0)
     (A,), (B,), (D,) = linearised(damped, robot, UPRIGHT[None], np.zeros(1))
@@ -88,7 +87,7 @@ class NumpyRegulator:
 
     def __init__(self, settings, plant, robot):
         self.loop = regulator_loop(settings, plant, robot.joint, plant.limit(robot.joint))
-        self.state = core.begin(NUMPY, self.loop)
+        self.state = equations.begin(NUMPY, self.loop)
         self.tell(base_parameters(plant))
 
     def tell(self, base):
@@ -97,7 +96,7 @@ class NumpyRegulator:
     def __call__(self, x):
         """The torque where it acts, else None."""
         with np.errstate(all="ignore"):
-            self.state, torque = core.regulate(NUMPY, self.loop, self.state, self._held, x)
+            self.state, torque = equations.regulate(NUMPY, self.loop, self.state, self._held, x)
         return torque if self.state.acting else None
 
 
@@ -153,7 +152,7 @@ def test_errors_as_if_linear(robot):
     for plant in plants(robot):
         for x in (UPRIGHT + 16 * ERROR, UPRIGHT - 30 * ERROR):
             lumps = lumped(base_parameters(plant), geometry_of(plant))
-            found, slope = core.as_if_linear(NUMPY, lumps, robot.joint, x)
+            found, slope = equations.as_if_linear(NUMPY, lumps, robot.joint, x)
             np.testing.assert_allclose(found, linear_error(plant, robot, x), rtol=1e-4)
             slopes = (falling(plant, robot, x + other) - falling(plant, robot, x - other)) / 2e-5
             assert slope == pytest.approx(slopes[3], rel=1e-6)
@@ -209,7 +208,7 @@ def test_dry_friction_of_the_undriven_joint_moves_the_torque(robot):
     other, rate = 2 - robot.joint, np.array([0, 0, 0.02, 0.02])
     own = dataclasses.replace(LEADERBOARD.driven(robot), **{f"cf{other}": 0.05, f"cf{robot.joint + 1}": 0.05})
     found = NumpyRegulator(SETTINGS, own, robot)
-    friction = -chosen.DRY_SHARE * 0.05 * np.arctan(chosen.DRY_KNEE * 0.02)
+    friction = -equations.DRY_SHARE * 0.05 * np.arctan(equations.DRY_KNEE * 0.02)
     for sign in (1, -1):
         expected = -designed(own, robot)[1] @ [*(sign * rate), sign * friction]
         assert found(UPRIGHT + sign * rate) == pytest.approx(expected, rel=1e-3)

@@ -10,9 +10,8 @@ import pytest
 import swingup
 from swingup.controllers.registry import get_controller
 from swingup.plant.equations import NUMPY
-from swingup.policy.estimator.core import compensation
-from swingup.policy.numpy_backend.controller import numpy_controller
-from swingup.policy.numpy_backend.network import NumpyNetwork
+from swingup.policy.estimator import compensation
+from swingup.policy.numpy_backend import NumpyNetwork, numpy_controller
 from swingup.policy.shipped import ADAPTIVE, AR_EAPO
 from swingup.runtime import load_controller
 

@@ -13,8 +13,7 @@ from swingup.benchmark.boards import ROBUSTNESS
 from swingup.benchmark.robustness_board import make_cases
 from swingup.benchmark.rules import MODEL_SWEEPS
 from swingup.controllers.baselines.continuation import ContinuationSettings, nominal_swingups
-from swingup.controllers.stack.controller import PolicyController, policy_alone
-from swingup.controllers.stack.policy import Policy
+from swingup.controllers.stack.policy import Policy, PolicyController, policy_alone
 from swingup.controllers.stack.regulator import TRIANGLE
 from swingup.dynamics.dynamics import UPRIGHT, acceleration, gravity_torque
 from swingup.loop.on_plant import drawn_around, loop_around
@@ -22,7 +21,7 @@ from swingup.plant.base_parameters import base_parameters
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, NAMES, get_robot, validated
 from swingup.plant.units import arm_scales, similar_plant
-from swingup.policy.regulator.settings import RegulatorSettings, fixed_point
+from swingup.policy.regulator import RegulatorSettings, fixed_point
 from swingup.policy.shipped import load_policy
 from swingup.refine import teacher as teaching
 from swingup.refine.analytic_policy_gradient import single_precision

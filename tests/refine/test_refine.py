@@ -12,8 +12,7 @@ from policies import lone_policy, new_actor
 from swingup.benchmark.boards import PERFORMANCE
 from swingup.benchmark.judge import judge
 from swingup.benchmark.rollout import Trajectory
-from swingup.controllers.stack.controller import PolicyController
-from swingup.controllers.stack.policy import Policy
+from swingup.controllers.stack.policy import Policy, PolicyController
 from swingup.dynamics.dynamics import UPRIGHT
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, get_robot

@@ -17,12 +17,10 @@ from swingup.export.cloudpendulum import CloudPendulumController
 from swingup.export.folder import cloudpendulum_guard, cloudpendulum_notes, export_folder
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD
-from swingup.policy.guard.settings import GuardSettings
-from swingup.policy.numpy_backend.controller import numpy_controller
-from swingup.policy.plant_facts import policy_plant
-from swingup.rehearsal.folder import Folder, find_folder
-from swingup.rehearsal.loop import FolderController
-from swingup.rehearsal.process import FolderProcess
+from swingup.policy.guard import GuardSettings
+from swingup.policy.numpy_backend import numpy_controller
+from swingup.policy.pendulum import policy_plant
+from swingup.rehearsal.process import Folder, FolderController, FolderProcess, find_folder
 from swingup.runtime import load_controller
 
 BRIEF = dataclasses.replace(PERFORMANCE, duration=1.5)

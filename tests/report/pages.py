@@ -10,7 +10,7 @@ from policies import lone_policy
 from swingup.benchmark.boards import BOARDS
 from swingup.benchmark.leaderboard import OURS, Row, Table, published_rows
 from swingup.benchmark.rollout import Trajectory
-from swingup.controllers.stack.controller import policy_of
+from swingup.controllers.stack.policy import policy_of
 from swingup.plant.plant import LEADERBOARD, ROBOTS, Robot
 from swingup.report.page import LIVE_NOTE, Section, Show, describe_disturbance, make_show
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..common.checks import finite_number, one_of, suggestion, swingup_name, whole_number
 from ..common.errors import SwingupError, quoted
-from ..policy.network.layers import Activation
+from ..policy.network import Activation
 
 TINY, HUGE = 1e-12, 1e12
 LARGEST_COUNT = 2**31 - 1

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..common.types import Key
-from ..policy.network.layers import RELU, TANH, Activation, Bounds
+from ..policy.network import RELU, TANH, Activation, Bounds
 from ..tasks.task import Spaces
 from .config import Config
 from .networks import BOUNDS, Actor, AnyActor, CategoricalActor, Critic, Linear

@@ -19,7 +19,7 @@ from jaxtyping import Array, Float, Int, Shaped
 
 from ..common.errors import SwingupError
 from ..common.types import Key
-from ..policy.network.layers import FLOAT32_SUM_WIDTH, TANH, Activation, Bounds
+from ..policy.network import FLOAT32_SUM_WIDTH, TANH, Activation, Bounds
 
 LOG_STD_RANGE = (-20.0, 2.0)
 """Range to which log σ is clamped (authors' code)."""

@@ -10,8 +10,8 @@ import numpy as np
 from ..common import cores
 from ..common.checks import check_seeds
 from ..common.errors import SwingupError, naming, quoted
-from ..controllers.interface.call_time import announce, call_time, slow_call
-from ..controllers.interface.controller import AbstractController
+from ..controllers.check import announce, call_time, slow_call
+from ..controllers.interface import AbstractController
 from ..controllers.registry import has_estimator
 from ..loop.domain import Domain, load_domain
 from ..loop.on_plant import loop_around

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..common.types import Count, Flag, Scalar, State, Torque
-from ..controllers.interface.controller import AbstractController
+from ..controllers.interface import AbstractController
 from ..dynamics.integrate import rk4_steps
 from ..loop.disturbance import (
     Disturbance,

@@ -17,15 +17,22 @@ from ..common import cores
 from ..common.errors import SwingupError, errors_named_after, naming
 from ..common.types import Count, State
 from ..controllers.baselines.switch import AbstractExpensiveController
-from ..controllers.interface.call_time import announce
-from ..controllers.interface.controller import AbstractController, check_interface, check_robot, split
-from ..controllers.interface.python_controller import Answer, PythonController, answer
+from ..controllers.check import announce
+from ..controllers.interface import (
+    AbstractController,
+    Answer,
+    PythonController,
+    answer,
+    check_interface,
+    check_robot,
+    split,
+)
 from ..controllers.registry import Controller
-from ..controllers.stack.controller import PolicyController, plant_of, policy_of
 from ..controllers.stack.estimator import EstimatingController
+from ..controllers.stack.policy import PolicyController, plant_of, policy_of
 from ..controllers.stack.regulator import RegulatingController
 from ..plant.plant import Plant, Robot
-from ..policy.plant_facts import plant_difference
+from ..policy.pendulum import plant_difference
 from .rollout import (
     Record,
     Scenario,

@@ -9,7 +9,7 @@ from pathlib import Path
 from ..benchmark.leaderboard import paper_score
 from ..common.errors import SwingupError, duration
 from ..common.files import write_atomically
-from ..controllers.stack.controller import policy_alone
+from ..controllers.stack.policy import policy_alone
 from ..learner.progress import TrainingReport
 from ..learner.run import Run
 from ..learner.run_folder import BEST

@@ -15,19 +15,17 @@ from ..common.files import check_suffix, check_writable, write_atomically
 from ..controllers.baselines.baselines import BASELINES, DESIGN_SEED, design_of, shipped_reference
 from ..controllers.baselines.own_units import in_real_units
 from ..controllers.swingups.reference import save_reference, save_reference_csv
-from ..export.c_backend.header import c_header
+from ..export.c_header import c_header
 from ..export.folder import FORMS as FOLDERS
 from ..export.folder import NAME, cloudpendulum_guard, cloudpendulum_notes, export_folder
-from ..export.onnx_backend.graph import onnx_model
+from ..export.onnx_graph import onnx_model
 from ..learner.metrics import read_metrics
 from ..plant.plant import Robot
-from ..policy.guard.settings import GuardSettings, choose_guard
-from ..policy.pendulum import PendulumPolicy
-from ..policy.plant_facts import write_plant
+from ..policy.guard import GuardSettings, choose_guard
+from ..policy.pendulum import PendulumPolicy, write_plant
 from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_policy
 from ..rehearsal.process import CALLING_TIME
-from ..rehearsal.rehearse import rehearse
-from ..rehearsal.result import Rehearsal, spread
+from ..rehearsal.rehearse import Rehearsal, rehearse, spread
 from ..report.draw import FIGURE_FORMATS, draw, render
 from ..report.figures import (
     curves_figure,

@@ -18,8 +18,7 @@ from ..benchmark.robustness_board import RobustnessBoard, change_grid
 from ..benchmark.rules import PushRules
 from ..common.errors import SwingupError, command_line
 from ..common.files import check_writable, write_atomically
-from ..controllers.interface.call_time import call_time, slow_call
-from ..controllers.interface.check import check_controller
+from ..controllers.check import call_time, check_controller, slow_call
 from ..controllers.registry import BUILT_IN, designs_for, get_controller
 from ..loop.loop import LOOP_DT
 from ..plant.plant import ROBOTS, Plant, Robot, get_robot

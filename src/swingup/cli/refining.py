@@ -16,7 +16,7 @@ from ..common.checks import check_seeds, whole_number
 from ..common.errors import SwingupError, command_line, duration
 from ..common.files import write_atomically, write_map
 from ..controllers.registry import get_controller
-from ..controllers.stack.controller import policy_alone
+from ..controllers.stack.policy import policy_alone
 from ..learner.presets import get_preset
 from ..learner.run import Run
 from ..learner.run_folder import BEST

@@ -14,7 +14,7 @@ from ..benchmark.leaderboard import ON_ROBOT, OURS, Table
 from ..benchmark.result import Result
 from ..common.errors import one_line, printable
 from ..controllers.registry import has_estimator
-from ..controllers.stack.controller import PolicyController
+from ..controllers.stack.policy import PolicyController
 from ..controllers.stack.regulator import RegulatingController
 from ..plant.plant import LEADERBOARD, Plant, torque_over_gravity
 from ..report.log_report import Part

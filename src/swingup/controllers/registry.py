@@ -13,10 +13,9 @@ from ..plant.files import load_plant
 from ..plant.plant import LEADERBOARD, PlantLike, Robot, get_robot
 from ..policy.shipped import SHIPPED_POLICIES, is_policy, load_policy
 from .baselines.baselines import BASELINES, baseline
-from .interface.controller import AbstractController
-from .interface.python_controller import PythonController
-from .stack.controller import make_controller
+from .interface import AbstractController, PythonController
 from .stack.estimator import EstimatingController, with_estimator
+from .stack.policy import make_controller
 
 BUILT_IN = (*SHIPPED_POLICIES, *BASELINES)
 """Names of the controllers that the package ships."""

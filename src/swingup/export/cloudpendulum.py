@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..policy.contract import LoopController
-from ..policy.guard.settings import Fault
+from ..policy.guard import Fault
 
 WARM_UP = 20
 """Calls before the first one: NumPy's own first calls take milliseconds."""

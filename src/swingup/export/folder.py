@@ -14,7 +14,7 @@ from pathlib import Path
 from ..common import __version__
 from ..common.errors import SwingupError, quoted
 from ..common.files import behind_links, write_atomically
-from ..policy.guard.settings import GuardSettings, default_guard
+from ..policy.guard import GuardSettings, default_guard
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
 
 NAME = "swingup"

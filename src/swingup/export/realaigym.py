@@ -18,8 +18,8 @@ from ..common.errors import SwingupError, quoted
 from ..common.files import make_folder, write_atomically
 from ..plant.equations import friction
 from ..policy.contract import LoopController, four_numbers
-from ..policy.guard.settings import Fault
-from ..policy.numpy_backend.controller import NumpyPolicy
+from ..policy.guard import Fault
+from ..policy.numpy_backend import NumpyPolicy
 
 SAVED_FILE = "controller_swingup.json"
 """Where ``save`` writes."""

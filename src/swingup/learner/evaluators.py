@@ -14,10 +14,9 @@ from ..areapo.state import Purpose, root_key
 from ..benchmark.judge import judge
 from ..common.errors import SwingupError
 from ..common.types import Flag, Key
-from ..controllers.stack.controller import PolicyController, save_controller
-from ..controllers.stack.policy import Policy, save_policy
+from ..controllers.stack.policy import Policy, PolicyController, save_controller, save_policy
 from ..plant.plant import LEADERBOARD, Plant
-from ..policy.plant_facts import policy_plant
+from ..policy.pendulum import policy_plant
 from ..tasks.acrobot_swingup import AcrobotPractice
 from ..tasks.adapted import AbstractAdaptedTask
 from ..tasks.observation import Stage

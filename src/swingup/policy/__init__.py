@@ -1,7 +1,7 @@
 """A policy: its file, what the file may hold, and what runs it.
 
-``file`` reads and writes files, ``pendulum`` is what one holds for a robot, ``plant_facts`` is what it knows of the
-plant, ``shipped`` names the policies of this package, and ``contract`` says what a back end does; each part around
-the network has a folder with its settings and equations. They need NumPy alone. A package ``*_backend`` runs a
-policy, or writes a program that does.
+``file`` reads and writes files, ``pendulum`` is what a file holds for a robot and its plant, and ``shipped`` names
+the policies of this package. ``network``, ``estimator``, ``identifier``, ``regulator`` and ``guard`` hold the
+settings, the state and the equations of one part each; its C lies beside it. ``contract`` says what back ends do,
+and ``numpy_backend`` is the one that runs on a robot. All need NumPy alone.
 """

@@ -1,6 +1,6 @@
 /*
  * A policy with what stands around it: the contract of contract.py in C. All of its numbers stand before it, as
- * swingup writes them (export/c_backend/data.py). These switches, each 0 or 1, say what is around the network:
+ * swingup writes them (export/c_header.py). These switches, each 0 or 1, say what is around the network:
  *
  *     SWINGUP_HAS_ESTIMATOR     a state estimator, which finds the loop's delay
  *     SWINGUP_HAS_IDENTIFIER    what finds the estimator's plant in the loop
@@ -10,10 +10,10 @@
 #ifndef SWINGUP_CONTRACT_H
 #define SWINGUP_CONTRACT_H
 
-#include "estimator/core.h"
-#include "guard/core.h"
-#include "network/core.h"
-#include "regulator/core.h"
+#include "estimator.h"
+#include "guard.h"
+#include "network.h"
+#include "regulator.h"
 
 typedef struct {
     swingup_guard guard;

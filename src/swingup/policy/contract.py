@@ -14,14 +14,14 @@ torques u = [u1, u2] (N m) of shoulder and elbow.
 - The torque of the driven joint is NaN where the state is not finite, so that no clipping hides a broken sensor.
   Behind an estimator the model stands in for short gaps, and it is NaN after them.
 - Behind a safety guard no torque is ever NaN: the guard holds the last ones in a short gap, and then stops the
-  controller (``policy/guard``).
+  controller (``policy/guard.py``).
 - Behind an estimator a call that comes sooner than 0.6 of its period after the last one keeps the torques, in C and
   NumPy: a loop of 1 kHz runs as one of 500 Hz.
 - ``reset()`` forgets the run: what follows repeats the first run bit for bit.
 
 ``tests/policy/test_conformance.py`` holds every back end to it, ``tests/policy/test_guard.py`` the guards in NumPy
 and in C. ONNX graphs and the page's JavaScript run the network alone, folded for the file's plant, with nothing
-around it. Hidden layers of ReLU run everywhere, others in JAX and NumPy alone (``policy/network/layers.py:
+around it. Hidden layers of ReLU run everywhere, others in JAX and NumPy alone (``policy/network.py:
 require_portable``). JAX has the same contract without hidden state, ``init() -> memory`` and ``(memory, t, x) ->
 (memory, u)``; a C header has it as ``swingup_reset`` and ``swingup_control``. JAX has no guard: it judges.
 """
@@ -33,8 +33,7 @@ import numpy as np
 
 from ..common.errors import SwingupError, quoted
 from ..plant.plant import Robot
-from .guard.core import Guard
-from .guard.settings import Fault, GuardSettings
+from .guard import Fault, Guard, GuardSettings
 
 
 def four_numbers(x: Any) -> np.ndarray:

@@ -14,8 +14,7 @@ from ..common.arrays import load_arrays, save_arrays
 from ..common.checks import one_of
 from ..common.errors import SwingupError, naming, quoted
 from ..common.settings import settings_of
-from .network.layers import RELU, TANH, Activation, Bounds, Layer, Network
-from .network.stages import STAGES, Stage, arrays_of, make_stage
+from .network import RELU, STAGES, TANH, Activation, Bounds, Layer, Network, Stage, arrays_of, make_stage
 
 FORMAT = "swingup policy"
 FORMAT_VERSION = 1

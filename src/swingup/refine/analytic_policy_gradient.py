@@ -20,8 +20,8 @@ from ..areapo.networks import Actor
 from ..benchmark.rollout import Scenario, simulate
 from ..common import cores
 from ..common.types import Scalar, State
-from ..controllers.interface.controller import AbstractController
-from ..controllers.stack.controller import PolicyController
+from ..controllers.interface import AbstractController
+from ..controllers.stack.policy import PolicyController
 from ..dynamics.integrate import stable_substeps
 from ..loop.starts import anywhere_states, thrown_states
 from ..plant.files import load_plant

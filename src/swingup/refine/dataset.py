@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..common.types import Flag, Key, Scalar, State
-from ..controllers.stack.controller import PolicyController, plant_of
+from ..controllers.stack.policy import PolicyController, plant_of
 from ..dynamics.integrate import rk4_step
 from ..loop.starts import anywhere_states, thrown_states
 from ..plant.base_parameters import BASE_NAMES

@@ -31,13 +31,12 @@ from ..areapo.networks import Actor
 from ..benchmark.runner import StageProgress, stack
 from ..common.errors import SwingupError
 from ..common.types import Key, Scalar
-from ..controllers.interface.controller import AbstractController
-from ..controllers.stack.controller import PolicyController, plant_of
-from ..controllers.stack.policy import Policy
+from ..controllers.interface import AbstractController
+from ..controllers.stack.policy import Policy, PolicyController, plant_of
 from ..controllers.stack.regulator import TRIANGLE
 from ..plant.base_parameters import BASE, base_parameters
 from ..plant.plant import Plant
-from ..policy.regulator.settings import RegulatorSettings, fixed_point
+from ..policy.regulator import RegulatorSettings, fixed_point
 from ..tasks.observation import PendulumStage, PlantStage
 from .analytic_policy_gradient import PolicyGradientSettings, mean_cost, single_precision, with_actor
 from .dataset import Dataset, dagger_rollouts, draw_key, own_runs, swings_up, uniform_states

@@ -16,17 +16,16 @@ from ..benchmark.criteria import Criteria
 from ..benchmark.judge import judge
 from ..benchmark.runner import StageProgress
 from ..common.errors import SwingupError
-from ..controllers.stack.controller import PolicyController, make_controller, plant_of, policy_of
+from ..controllers.stack.policy import PolicyController, make_controller, plant_of, policy_of
 from ..loop.domain import Domain, load_domain
 from ..plant.files import load_plant
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, Robot
 from ..plant.units import ACCELERATION, arm_scales, scaled, similar_plant
-from ..policy.estimator.settings import default_estimator
-from ..policy.identifier.settings import IdentifierSettings
-from ..policy.network.stages import stages_for
-from ..policy.pendulum import PendulumPolicy
-from ..policy.plant_facts import plant_difference, policy_plant
-from ..policy.regulator.settings import RegulatorSettings
+from ..policy.estimator import default_estimator
+from ..policy.identifier import IdentifierSettings
+from ..policy.network import stages_for
+from ..policy.pendulum import PendulumPolicy, plant_difference, policy_plant
+from ..policy.regulator import RegulatorSettings
 from ..policy.shipped import ADAPTIVE, load_policy
 from .analytic_policy_gradient import (
     AnalyticPolicyGradient,

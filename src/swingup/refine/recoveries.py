@@ -11,14 +11,13 @@ from jaxtyping import Array, Float, Int
 from ..benchmark.boards import ICRA_REAL
 from ..benchmark.rollout import Scenario
 from ..common.types import Key, Scalar, State
-from ..controllers.interface.controller import AbstractController
-from ..controllers.stack.controller import PolicyController, plant_of
+from ..controllers.interface import AbstractController
+from ..controllers.stack.policy import PolicyController, plant_of
 from ..controllers.stack.regulator import RegulatingController, with_regulator
 from ..dynamics.dynamics import UPRIGHT
 from ..loop.starts import thrown_states
 from ..plant.plant import Plant
-from ..policy.regulator.core import Loop
-from ..policy.regulator.settings import RegulatorSettings
+from ..policy.regulator import Loop, RegulatorSettings
 from .analytic_policy_gradient import PolicyGradientSettings, run_episode
 from .distillation_settings import RecoverySettings
 

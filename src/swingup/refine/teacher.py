@@ -23,13 +23,13 @@ from ..controllers.baselines.continuation import (
     nominal_swingups,
 )
 from ..controllers.baselines.dry_friction import passive_friction
-from ..controllers.stack.controller import PolicyController, plant_of
-from ..controllers.stack.maths import JAX
+from ..controllers.stack.estimator import JAX
+from ..controllers.stack.policy import PolicyController, plant_of
 from ..dynamics.dynamics import UPRIGHT, acceleration, upright_error
 from ..plant.base_parameters import base_parameters
 from ..plant.plant import LEADERBOARD, Plant, validated
 from ..plant.units import C1, scaled, scales_of, similar_plant
-from ..policy.regulator.settings import DRY_KNEE, DRY_SHARE, fixed_point
+from ..policy.regulator import DRY_KNEE, DRY_SHARE, fixed_point
 from .analytic_policy_gradient import single_precision
 from .plant_draws import plants_of
 

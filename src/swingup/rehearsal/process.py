@@ -1,5 +1,6 @@
 """The other end of ``child.py``: an exported folder's controller in a process of its own, behind timeouts."""
 
+import itertools
 import json
 import math
 import multiprocessing
@@ -9,13 +10,53 @@ import subprocess
 import sys
 import time
 from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..common.errors import SwingupError, one_line
-from .folder import Folder
+from ..export.folder import FORMS, PACKAGE
+
+PATTERNS = {form: entry.format(name="*") for form, (entry, _) in FORMS.items()}
+"""Forms of exported folders, and the file that each has."""
+
+
+@dataclass(frozen=True)
+class Folder:
+    """An exported folder."""
+
+    entry: Path
+    """The file that defines its controller."""
+    form: str
+    """``realaigym`` or ``cloudpendulum``."""
+
+    @property
+    def policy(self) -> Path | None:
+        """The policy file; None where it is not a folder of ours."""
+        name = self.entry.stem.partition("_")[2]
+        file = self.entry.parent / PACKAGE.format(name=name) / "policy.safetensors"
+        return file if file.is_file() else None
+
+
+def find_folder(path: str | Path) -> Folder:
+    """Find a folder's controller; the path may be that of its file, where it has several."""
+    place = Path(path)
+    if not place.exists():
+        raise SwingupError(f"no such folder: {path}; swingup export POLICY --to realaigym --out FOLDER writes one")
+    files = [place] if place.is_file() else sorted(place.iterdir())
+    found = [
+        Folder(file.resolve(), form) for form, pattern in PATTERNS.items() for file in files if file.match(pattern)
+    ]
+    if len(found) > 1:
+        names = " or ".join(each.entry.name for each in found[:4])
+        raise SwingupError(f"{path} holds {len(found)} controllers: name a file in it, {names}")
+    if not found:
+        kinds = " or ".join(f"{pattern} ({form})" for form, pattern in PATTERNS.items())
+        raise SwingupError(f"{path} holds no controller: a folder of swingup export has {kinds}")
+    return found[0]
+
 
 LOADING_TIME = 60.0
 """Longest time in which a folder may be imported (s); a cold disk and a busy machine take seconds."""
@@ -115,3 +156,70 @@ def _status(code: int) -> str:
     names = {each.value: each.name for each in signal.Signals}
     how = f"with status {code}" if code >= 0 else f"by {names.get(-code, f'signal {-code}')}"
     return f"{how}: correct it there"
+
+
+WATCHED_TIME = 0.0005
+"""The last part of a wait (s) is spent looking at the clock: a sleep may last longer than asked."""
+
+
+@dataclass
+class Timing:
+    """What was measured of a run's calls (s)."""
+
+    calls: list[float] = field(default_factory=list)
+    """Time inside each call."""
+    sent: list[float] = field(default_factory=list)
+    """When each call began."""
+    missed: int = 0
+    """Periods that ended without an answer: the motors kept the torques before."""
+    late: int = 0
+    """Periods that began late because the simulation, not the controller, was slow."""
+
+    @property
+    def periods(self) -> list[float]:
+        """Times between calls."""
+        return [after - before for before, after in itertools.pairwise(self.sent)]
+
+
+class FolderController:
+    """Calls the folder at every step and waits for its answer; a fault raises ``SwingupError``.
+
+    With a period (s) it does so in real time, one step a period, as a robot's loop runs. A controller whose answer
+    takes longer is not called again until it is there. Meanwhile the motors keep the torques before, and the
+    simulation goes on.
+    """
+
+    def __init__(self, process: FolderProcess, period: float | None = None) -> None:
+        """Wrap a running folder; the simulation's clock may say other periods than the nominal one."""
+        self._process, self._period, self.timing = process, period, Timing()
+        # The first period begins when it is asked for.
+        self._begin, self._time = -math.inf, 0.0
+        self._held, self._busy = np.zeros(2), False
+
+    def get_control_output(self, x: np.ndarray, t: float) -> np.ndarray:
+        """The torques (2,) (N m) that act from time t (s), for the state x (4,) that is measured then."""
+        end = math.inf if self._period is None else self._wait(t, self._period) + self._period
+        if not self._busy:
+            self._process.send(t, x)
+        reply = self._process.receive(end - time.perf_counter())
+        self._busy = reply is None
+        if reply is None:
+            self.timing.missed += 1
+        else:
+            self._held, seconds = reply
+            self.timing.calls.append(seconds)
+        return self._held
+
+    def _wait(self, t: float, period: float) -> float:
+        """Wait for the period that begins at time t (s) of the simulation; when it began."""
+        now, due = time.perf_counter(), self._begin + t - self._time
+        # A loop that is late does not catch up: its next period begins now, as a robot's does.
+        self.timing.late += math.isfinite(due) and not self._busy and now > due + 0.5 * period
+        if due - now > WATCHED_TIME:
+            time.sleep(due - now - WATCHED_TIME)
+        while (now := time.perf_counter()) < due:
+            pass
+        self._begin, self._time = now, t
+        if not self._busy:
+            self.timing.sent.append(now)
+        return now

@@ -1,31 +1,98 @@
 """A rehearsal: an exported folder drives the simulated robot, from a process of its own, perhaps in real time."""
 
 import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 
 from ..benchmark.board import Case, Run, Setting
 from ..benchmark.boards import SIM2REAL
 from ..benchmark.judge import make_setting, summed_up
 from ..benchmark.recording import recorded
+from ..benchmark.result import Result
 from ..benchmark.rollout import Trajectory
 from ..benchmark.runner import Progress, run_one
 from ..benchmark.swing_up_board import SwingUpBoard
 from ..common.checks import check_seeds, positive_number
 from ..common.errors import SwingupError
-from ..controllers.interface.python_controller import PythonController
+from ..controllers.interface import PythonController
 from ..loop.domain import Domain
 from ..loop.on_plant import NO_LOOP
 from ..loop.supervisors import Limits
 from ..plant.plant import PlantLike, Robot, get_robot
-from ..policy.plant_facts import plant_difference
+from ..policy.pendulum import plant_difference
 from ..policy.shipped import load_policy
-from .folder import Folder, find_folder
-from .loop import FolderController, Timing
-from .process import CALLING_TIME, FolderProcess
-from .result import Rehearsal
+from .process import CALLING_TIME, Folder, FolderController, FolderProcess, Timing, find_folder
+
+
+@dataclass(frozen=True)
+class Rehearsal:
+    """What the runs of one folder showed."""
+
+    folder: Folder
+    result: Result
+    """As of the judge."""
+    stops: tuple[dict[str, Any] | None, ...]
+    """When (s) and why the folder's guard stopped each run."""
+    difference: str | None
+    """How the plant differs from the one that the policy was made for; None if it differs little."""
+    limits: tuple[float, float] | None
+    """Largest angle (rad) and speed (rad/s) of a joint; None where neither guard nor board has limits."""
+    real_time: bool
+    timings: tuple[Timing, ...]
+    """What was measured of each run."""
+    facts: dict[str, Any]
+    """What the folder says of itself."""
+
+    @property
+    def calls(self) -> list[float]:
+        """Times inside the calls of all runs (s)."""
+        return [each for timing in self.timings for each in timing.calls]
+
+    @property
+    def periods(self) -> list[float]:
+        """Times between the calls of each run (s)."""
+        return [each for timing in self.timings for each in timing.periods]
+
+    @property
+    def missed(self) -> int:
+        """Periods that ended without an answer."""
+        return sum(timing.missed for timing in self.timings)
+
+    @property
+    def late(self) -> int:
+        """Periods that began late because the simulation was slow."""
+        return sum(timing.late for timing in self.timings)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Ready for JSON: the judge's result, and what a folder adds; times in s."""
+        return self.result.as_dict() | {
+            "folder": str(self.folder.entry.parent),
+            "form": self.folder.form,
+            "difference": self.difference,
+            "limits": self.limits and dict(zip(("angle", "speed"), self.limits, strict=True)),
+            "guard": self.facts["guard"],
+            "stops": list(self.stops),
+            "packages": self.facts["packages"],
+            "calls": spread(self.calls),
+            "real_time": self.real_time,
+            "periods": spread(self.periods) if self.real_time else None,
+            "missed": self.missed if self.real_time else None,
+            "late": self.late if self.real_time else None,
+        }
+
+
+def spread(seconds: Sequence[float]) -> dict[str, float]:
+    """Median, 99th percentile and longest of measured times (s)."""
+    if not seconds:
+        return {}
+    middle, most = np.percentile(seconds, [50, 99]).tolist()
+    return {"p50": middle, "p99": most, "longest": max(seconds)}
+
 
 SEEDS = 10
 """Runs of a rehearsal; in real time and in a perfect loop it is one."""

@@ -27,14 +27,13 @@ from ..common import __version__
 from ..common.errors import SwingupError, needing, one_line
 from ..common.files import check_suffix, write_atomically
 from ..controllers.registry import get_controller
-from ..controllers.stack.controller import PolicyController, policy_of
-from ..export.javascript_backend.page import policy_data, policy_script
+from ..controllers.stack.policy import PolicyController, policy_of
+from ..export.javascript import policy_data, policy_script
 from ..loop.loop import LOOP_DT
 from ..plant.files import load_plant
 from ..plant.plant import LEADERBOARD, NAMES, Plant, PlantLike, Robot, get_robot
 from ..plant.units import scaled, scales_of
-from ..policy.pendulum import PARTS, PendulumPolicy
-from ..policy.plant_facts import policy_plant
+from ..policy.pendulum import PARTS, PendulumPolicy, policy_plant
 from ..policy.shipped import AR_EAPO, DEFAULT, load_policy
 from .draw import FIGURE_FORMATS, draw, render
 from .figure import Figure, encode

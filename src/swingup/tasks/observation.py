@@ -4,11 +4,11 @@ from dataclasses import fields
 
 import jax
 
-from ..policy.network.stages import STAGES
-from ..policy.network.stages import NormaliseStage as NormaliseStage
-from ..policy.network.stages import PendulumStage as PendulumStage
-from ..policy.network.stages import PlantStage as PlantStage
-from ..policy.network.stages import Stage as Stage
+from ..policy.network import STAGES
+from ..policy.network import NormaliseStage as NormaliseStage
+from ..policy.network import PendulumStage as PendulumStage
+from ..policy.network import PlantStage as PlantStage
+from ..policy.network import Stage as Stage
 
 for _kind in STAGES.values():
     _names = [each.name for each in fields(_kind)]

@@ -15,7 +15,7 @@ from ...loop.loop import LOOP_DT
 from ...plant.files import load_plant
 from ...plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
 from ...plant.units import Scales, scales_of, similar_plant
-from ..interface.controller import AbstractController
+from ..interface import AbstractController
 from ..swingups.design import compute_reference, design_model
 from ..swingups.reference import Reference, load_reference
 from .dry_friction import HAND_OVER, holding_lqr, passive_friction

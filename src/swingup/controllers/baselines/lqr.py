@@ -17,7 +17,7 @@ from scipy.linalg import solve_continuous_are
 from ...common.types import Scalar, State, Torque
 from ...dynamics.dynamics import UPRIGHT, linearise, wrap
 from ...plant.plant import Plant, Robot
-from ..interface.controller import AbstractController, joint_torques
+from ..interface import AbstractController, joint_torques
 
 
 @dataclass(frozen=True)

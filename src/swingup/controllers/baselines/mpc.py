@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from ...common.types import Flag, Scalar, State, Torque
 from ...dynamics.dynamics import UPRIGHT
 from ...plant.plant import Plant, Robot
-from ..interface.controller import joint_torques
+from ..interface import joint_torques
 from ..swingups.ilqr import solve
 from ..swingups.reference import Reference
 from ..swingups.transition import PendulumTransition

@@ -15,8 +15,7 @@ from ...common.types import State, Torque
 from ...plant.equations import COULOMB_STEEPNESS
 from ...plant.plant import Robot
 from ...plant.units import STATE, TIME, TORQUE, Scales, scaled
-from ..interface.controller import AbstractController, joint_torques
-from ..interface.time import Time, TimeLike, never, since_first_call
+from ..interface import AbstractController, Time, TimeLike, joint_torques, never, since_first_call
 from ..swingups.design import Search
 from ..swingups.ilqr import ILQRSettings
 from ..swingups.reference import Reference

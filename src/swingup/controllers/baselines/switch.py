@@ -11,8 +11,7 @@ from jaxtyping import Float
 from ...common.types import Flag, Scalar, State, Torque
 from ...dynamics.dynamics import UPRIGHT, wrap
 from ...plant.plant import Robot
-from ..interface.controller import AbstractController, Carry
-from ..interface.time import Time, TimeLike, never, since_first_call
+from ..interface import AbstractController, Carry, Time, TimeLike, never, since_first_call
 
 
 class AbstractExpensiveController(AbstractController[Carry]):

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from ...common.types import Scalar, State, Torque
 from ...dynamics.dynamics import wrap_difference
 from ...plant.plant import Plant, Robot
-from ..interface.controller import AbstractController, joint_torques
+from ..interface import AbstractController, joint_torques
 from ..swingups.reference import Reference
 from .dry_friction import KNEE, STATE_WEIGHT, TORQUE_WEIGHT
 from .lqr import linearised, riccati_recursion

@@ -1,23 +1,52 @@
-"""The state estimator of ``policy/estimator/core.py`` in JAX: a controller around one that sees the estimate."""
+"""The state estimator of ``policy/estimator.py`` in JAX: a controller around one that sees the estimate."""
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...common.types import State, Torque
+from ...common.types import Flag, State, Torque
+from ...dynamics.trigonometry import arctan, sine_cosine
+from ...plant.equations import ArrayOps
 from ...plant.plant import Plant, Robot
 from ...plant.units import BASE_UNITS, STATE, TORQUE, Scales, arm_scales
-from ...policy.estimator import core
-from ...policy.estimator.core import EstimatorState, Loop
-from ...policy.estimator.settings import EstimatorSettings, default_estimator
-from ...policy.identifier import core as identifier
-from ...policy.identifier.core import Found
-from ...policy.identifier.settings import IdentifierSettings
-from ..interface.controller import AbstractController, call_for_plant, check_robot
-from ..interface.time import TimeLike, as_time, never
-from .maths import JAX
+from ...policy import estimator, identifier
+from ...policy.estimator import EstimatorSettings, EstimatorState, Loop, default_estimator
+from ...policy.identifier import Found, IdentifierSettings
+from ..interface import AbstractController, TimeLike, as_time, call_for_plant, check_robot, never
+from ..swingups.scalar_algebra import unpack
+
+TreeT = TypeVar("TreeT")
+
+
+def choose(condition: Flag, yes: Callable[[], TreeT], no: TreeT) -> TreeT:
+    """What a function returns, or another pytree of the same structure, as compiled loops choose."""
+    chosen: TreeT = jax.tree.map(lambda one, other: jnp.where(condition, one, other), yes(), no)
+    return chosen
+
+
+JAX = ArrayOps(
+    xp=jnp,
+    sine_cosine=sine_cosine,
+    arctan=arctan,
+    log1p=jnp.log1p,
+    expm1=jnp.expm1,
+    root=jnp.sqrt,
+    minimum=jnp.minimum,
+    maximum=jnp.maximum,
+    finite=lambda values: jnp.isfinite(values).all(),
+    where=jnp.where,
+    place=lambda number: jnp.rint(number).astype(int),
+    number=lambda value: value,
+    numbers=unpack,
+    vector=jnp.stack,
+    window=lambda rows, start, size: jax.lax.dynamic_slice_in_dim(rows, start, size),
+    choose=choose,
+)
+"""JAX's functions, in the precision of what they are given."""
 
 
 class EstimatorMemory(NamedTuple):
@@ -46,7 +75,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
     @property
     def loop(self) -> Loop:
         """What the estimator knows, and its identifier if it has one."""
-        loop = core.make_loop(self.settings, self.plant, self.robot.joint, self.identifier)
+        loop = estimator.make_loop(self.settings, self.plant, self.robot.joint, self.identifier)
         if self.prior is None or loop.finding is None:
             return loop
         return loop._replace(finding=loop.finding._replace(mean=self.prior[0], covariance=self.prior[1]))
@@ -65,25 +94,27 @@ class EstimatingController(AbstractController[EstimatorMemory]):
     def init(self) -> EstimatorMemory:
         """Nothing seen yet."""
         # Split, since single precision would lose a time of some hours.
-        return EstimatorMemory(core.begin(JAX, self.loop)._replace(time=never()), self.controller.init())
+        return EstimatorMemory(estimator.begin(JAX, self.loop)._replace(time=never()), self.controller.init())
 
     def __call__(self, carry: EstimatorMemory, t: TimeLike, x: State) -> tuple[EstimatorMemory, Torque]:
         """The controller's torques for the estimated state (N m), with compensation; x is the measurement."""
         loop, scales = self.loop, self.scales
         now = as_time(t).like(carry.estimator.time)
-        state, own = core.observe(JAX, loop, carry.estimator, self.found(carry), now, scales.similar(x, *STATE))
+        state, own = estimator.observe(
+            JAX, loop, carry.estimator, self.found(carry), now, scales.similar(x, *STATE)
+        )
         plant, seen = self.found(carry._replace(estimator=state)), scales.scaled(own, *STATE)
         if plant is None:
             inner, u = self.controller(carry.controller, t, seen)
         else:
             told = scales.scaled(jnp.stack(plant.residual_base), *BASE_UNITS)
             inner, u = call_for_plant(self.controller, carry.controller, t, seen, told)
-            u = u + scales.scaled(core.compensation(JAX, loop, plant, own), TORQUE).astype(u.dtype)
+            u = u + scales.scaled(estimator.compensation(JAX, loop, plant, own), TORQUE).astype(u.dtype)
         driven = self.plant.limit(self.robot.joint)
         limits = jnp.where(jnp.arange(2) == self.robot.joint, driven, self.passive_limit).astype(u.dtype)
         # Clipped before it is remembered: the model must have the torque that acts.
         u = jnp.clip(u, -limits, limits)
-        return EstimatorMemory(core.remember(JAX, loop, state, scales.similar(u, TORQUE)), inner), u
+        return EstimatorMemory(estimator.remember(JAX, loop, state, scales.similar(u, TORQUE)), inner), u
 
     def found(self, memory: EstimatorMemory) -> Found | None:
         """What the identifier has found of the plant; None without one."""

@@ -1,4 +1,4 @@
-"""The regulator of ``policy/regulator/core.py`` in JAX: a controller around a policy."""
+"""The regulator of ``policy/regulator.py`` in JAX: a controller around a policy."""
 
 from typing import Any, NamedTuple
 
@@ -13,13 +13,11 @@ from ...plant.base_parameters import Geometry, base_parameters
 from ...plant.equations import Number
 from ...plant.plant import Plant, Robot
 from ...plant.units import BASE_UNITS, STATE, TORQUE, Scales, arm_scales
-from ...policy.regulator import core
-from ...policy.regulator.core import Loop, RegulatorState
-from ...policy.regulator.settings import RICCATI_STEPS, Q, R, RegulatorSettings
-from ...policy.regulator.upright import Discrete
-from ..interface.controller import AbstractController, AbstractPlantController, call_for_plant
+from ...policy import regulator
+from ...policy.regulator import RICCATI_STEPS, Discrete, Loop, Q, R, RegulatorSettings, RegulatorState
+from ..interface import AbstractController, AbstractPlantController, call_for_plant
 from ..swingups.scalar_algebra import Matrix, Vector, dot, symmetric_times, unpack
-from .maths import JAX
+from .estimator import JAX
 
 TRIANGLE = np.triu_indices(5)
 """Rows and columns of what is remembered of P, row by row."""
@@ -59,7 +57,7 @@ class RegulatingController(AbstractPlantController[RegulatorMemory]):
 
     def init(self) -> RegulatorMemory:
         """The policy acts."""
-        return RegulatorMemory(core.begin(JAX, self.loop), self.controller.init())
+        return RegulatorMemory(regulator.begin(JAX, self.loop), self.controller.init())
 
     def control(
         self, carry: RegulatorMemory, t: Scalar, x: State, base: Float[Any, "9"] | None
@@ -70,9 +68,9 @@ class RegulatingController(AbstractPlantController[RegulatorMemory]):
         # Always, so that a policy with a memory keeps it while the regulator acts.
         inner, u = call_for_plant(self.controller, carry.controller, t, x, base)
         base = jnp.asarray(base, carry.regulator.cost_to_go.dtype)
-        held = core.held(self.loop, unpack(self.scales.similar(base, *BASE_UNITS)))
+        held = regulator.held(self.loop, unpack(self.scales.similar(base, *BASE_UNITS)))
         seen = self.scales.similar(x, *STATE)
-        state, torque = core.regulate(JAX, self.loop, carry.regulator, held, seen)
+        state, torque = regulator.regulate(JAX, self.loop, carry.regulator, held, seen)
         regulated = self.scales.scaled(torque, TORQUE).astype(u.dtype) * jnp.array(self.robot.actuation, u.dtype)
         return RegulatorMemory(state, inner), jnp.where(state.acting, regulated, u)
 
@@ -81,7 +79,7 @@ def with_regulator(
     controller: AbstractController[Any], robot: Robot, plant: Plant, settings: RegulatorSettings, limit: float
 ) -> RegulatingController:
     """Put a regulator for a plant, with a largest torque (N m), behind a policy."""
-    made = core.make_loop(settings, plant, robot.joint, limit, lambda P: P[TRIANGLE], advanced, cost, command)
+    made = regulator.make_loop(settings, plant, robot.joint, limit, lambda P: P[TRIANGLE], advanced, cost, command)
     known = made.start, made.torque_limit, made.geometry, made.settings
     return RegulatingController(controller, base_parameters(plant), *known, arm_scales(plant), robot)
 

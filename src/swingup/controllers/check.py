@@ -1,0 +1,233 @@
+"""A checker for controllers that others plug in: it finds faults before a benchmark shows them in numbers."""
+
+import contextlib
+import inspect
+import logging
+import time
+from statistics import median
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..common.checks import finite_number
+from ..common.errors import SwingupError, attribute, duration, errors_named_after
+from ..plant.plant import TORQUE_LIMIT, Robot, get_robot
+from .interface import (
+    DT,
+    AbstractController,
+    PythonController,
+    answer,
+    call_in_turn,
+    check_interface,
+    check_robot,
+    split,
+    trial_states,
+)
+
+CALLS = 100
+"""Calls that are timed."""
+PATIENCE = 0.5
+"""No more calls in plain Python are timed after this (s)."""
+ANNOUNCED_TIME = 120.0
+"""Simulations that take longer than this are announced (s)."""
+
+_LOGGER = logging.getLogger(__name__)
+
+
+def call_time(controller: AbstractController[Any] | PythonController, dt: float) -> float | None:
+    """Wall time of a call (s) in a loop of period dt (s), on a pendulum that swings; None where calls fail.
+
+    Calls in JAX are compiled, one after another as on a robot.
+    """
+    times = np.arange(CALLS) * dt
+    # Smooth as a pendulum's: at jumps an estimator restarts, which takes less time.
+    states = np.sin(times[:, None] * [3.0, 5.0, 4.0, 6.0]) * [0.3, 0.3, 1.0, 1.5]
+    if isinstance(controller, PythonController):
+        return _python_call_time(controller, times, states)
+    with jax.enable_x64(True), errors_named_after("running it"):
+        inputs = *split(controller), jnp.asarray(times), jnp.asarray(states)
+        jax.block_until_ready(run_calls(*inputs))  # compiles
+        took = []
+        for _ in range(3):
+            start = time.perf_counter()
+            jax.block_until_ready(run_calls(*inputs))
+            took.append(time.perf_counter() - start)
+    # The least: whatever else the machine does only adds.
+    return min(took) / CALLS
+
+
+def _python_call_time(controller: PythonController, times: np.ndarray, states: np.ndarray) -> float | None:
+    took: list[float] = []
+    try:
+        call = controller.start()
+        for now, x in zip(times, states, strict=True):
+            start = time.perf_counter()
+            answer(call, x, float(now))
+            took.append(time.perf_counter() - start)
+            if sum(took) > PATIENCE:
+                break
+    except SwingupError:
+        return None
+    return median(took)
+
+
+@jax.jit(static_argnames="static")
+def run_calls(numbers: Any, static: Any, times: jax.Array, states: jax.Array) -> jax.Array:
+    """Call a controller that :func:`split` cut in two, in one program as the benchmark's runner; torques (n, 2)."""
+    controller = eqx.combine(numbers, static)
+
+    def call(memory: Any, now: tuple[jax.Array, jax.Array]) -> tuple[Any, jax.Array]:
+        return controller(memory, *now)
+
+    return jax.lax.scan(call, controller.init(), (times, states))[1]
+
+
+def slow_call(took: float | None, dt: float) -> str | None:
+    """A warning if one call (s) takes longer than the loop's period dt (s); None if all is well."""
+    if took is None or took <= dt:
+        return None
+    return (
+        f"one call takes {1000 * took:.3g} ms on this machine, and the loop has {1000 * dt:g} ms: "
+        "on a robot its torques would come too late"
+    )
+
+
+def announce(seconds: float, took: float, simulations: int, bound: str = "about ") -> None:
+    """Log how long simulations will take, if that is long."""
+    if seconds > ANNOUNCED_TIME:
+        many = f"{simulations} simulations take" if simulations > 1 else "the simulation takes"
+        _LOGGER.warning("%s %s%s: one call takes %.3g ms", many, bound, duration(seconds), 1000 * took)
+
+
+TIMES = ("t", "time", "now", "seconds", "t_s")
+STATES = ("x", "state", "q", "obs", "observation", "measurement", "measured")
+"""Names by which an argument is known."""
+FAR_BEYOND = 10.0
+"""A torque of more than this many times what the motor has is in another unit. The loop clips smaller ones."""
+
+
+def check_controller(source: Any, robot: Robot | str, torque_limit: float = TORQUE_LIMIT) -> list[str]:
+    """Try a controller on a few dozen states and name its faults.
+
+    It looks for errors, wrong shapes, arguments in another order, fields that cannot be compiled, torques that are
+    not finite or far more than the motor has, torque on the passive joint above the controller's attribute
+    ``passive_limit`` (N m; 0 where it has none), a memory that changes its structure, that ``reset()`` and
+    ``init()`` do not clear or that copies share, and measurements that are altered in place.
+
+    Args:
+        source: a controller in JAX, an object with ``get_control_output(x, t)``, or a function of (x, t).
+        robot: which joint is driven.
+        torque_limit: what its motor has (N m).
+
+    Returns:
+        One line for every finding; none if all is well.
+
+    Raises:
+        SwingupError: there is no such robot, or this is not a controller.
+    """
+    robot = get_robot(robot)
+    if not isinstance(source, AbstractController | PythonController):
+        source = PythonController(source)
+    findings: list[str] = []
+    try:
+        check_robot(source, robot)
+        if isinstance(source, AbstractController):
+            torques = _try_compiled(source)
+        else:
+            findings, torques = _try_plain(source)
+        passive = _try_passive(source, torques[:, 1 - robot.joint], 2 - robot.joint)
+    except SwingupError as error:
+        return _name_order(source) or [str(error)]
+    return _name_order(source) + findings + _try_driven(torques[:, robot.joint], robot, torque_limit) + passive
+
+
+def _name_order(source: Any) -> list[str]:
+    """Whether the arguments are in another order, by their names, or because an answer comes only in that order."""
+    in_jax = isinstance(source, AbstractController)
+    call = source.__call__ if in_jax else attribute(source.source, "get_control_output", source.source)
+    try:
+        named = [*inspect.signature(call).parameters.values()][1 if in_jax else 0 :][:2]
+    except (TypeError, ValueError):  # built-in functions have none
+        named = []
+    first, second = (STATES, TIMES) if in_jax else (TIMES, STATES)
+    names = [each.name for each in named if each.kind is not inspect.Parameter.KEYWORD_ONLY]
+    meant = "(memory, t, x)" if in_jax else "(x, t)"
+    if len(names) == 2 and names[0] in first and names[1] in second:
+        return [f"its arguments are {', '.join(names)}, and a controller is called with {meant}: swap them"]
+    return (
+        [] if in_jax or not _answers_swapped(source) else [f"it answers to (t, x) alone: its arguments are {meant}"]
+    )
+
+
+def _answers_swapped(source: PythonController) -> bool:
+    x = trial_states()[-1]
+    call = attribute(source.source, "get_control_output", source.source)
+    try:
+        answer(call, x, 0.0)
+    except SwingupError:
+        with contextlib.suppress(SwingupError):
+            answer(lambda x, t: call(t, x), x, 0.0)
+            return True
+    return False
+
+
+def _try_driven(torques: np.ndarray, robot: Robot, limit: float) -> list[str]:
+    """Whether the torques (n,) of the driven joint are near what its motor has (N m)."""
+    largest = float(np.abs(torques).max())
+    if largest <= FAR_BEYOND * limit:
+        return []
+    return [
+        f"it commands up to {largest:.4g} N m on the driven joint {robot.joint + 1}, whose motor has {limit:g} "
+        "N m: clip the torque, and return it in N m"
+    ]
+
+
+def _try_passive(source: Any, torques: np.ndarray, joint: int) -> list[str]:
+    """Whether the torques (n,) of the passive joint, 1 or 2, are as the controller declares them."""
+    controller = source.source if isinstance(source, PythonController) else source
+    declared = finite_number("its attribute passive_limit", attribute(controller, "passive_limit", 0.0), 0.0)
+    largest = float(np.abs(torques).max())
+    if largest <= declared:
+        return []
+    finding = f"it commands up to {largest:g} N m on the passive joint {joint}"
+    if declared:
+        return [f"{finding}, and its passive_limit is {declared:g}: clip the torque, or declare more"]
+    return [f"{finding}: return 0 there, or declare what compensates its friction as passive_limit"]
+
+
+def _try_compiled(controller: AbstractController[Any]) -> np.ndarray:
+    """Torques along the trial states, from a program compiled in the way of the benchmark's simulations."""
+    states = trial_states()
+    with jax.enable_x64(True):
+        check_interface(controller)
+        with errors_named_after("running it"):
+            torques = np.asarray(run_calls(*split(controller), jnp.arange(len(states)) * DT, jnp.asarray(states)))
+    faulty = np.flatnonzero(~np.isfinite(torques).all(axis=1))
+    if faulty.size:
+        x = np.round(states[faulty[0]], 3).tolist()
+        raise SwingupError(f"its torque is not finite for x = {x}: correct it there")
+    return torques
+
+
+def _try_plain(controller: PythonController) -> tuple[list[str], np.ndarray]:
+    states, findings = trial_states(), []
+    first = call_in_turn([controller], states)[0]
+    copies = controller.copies(2)
+    if not np.array_equal(call_in_turn([controller], states)[0], first):
+        findings.append("it answers otherwise when run again: clear its memory in reset() or init(), and seed it")
+    # One cause, one finding: copies also disagree where the memory is not cleared.
+    elif len(copies) == 1:
+        findings.append(
+            "it has no independent copies, so that its simulations run one by one: let copy.deepcopy copy it, and "
+            "keep memory in the object, not in globals or its class"
+        )
+    x = states[-1].copy()
+    with errors_named_after("calling it"):
+        # Called directly: answer() passes a copy, which would hide the change.
+        controller.start()(x, 0.0)
+    if not np.array_equal(x, states[-1]):
+        findings.append("it changes the measurement that it is given: copy x before altering it")
+    return findings, first

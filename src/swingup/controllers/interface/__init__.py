@@ -1,1 +1,0 @@
-"""What a controller is: in JAX, in plain Python, and whether an object is one."""

@@ -1,1 +1,0 @@
-"""Policies as C99 headers."""

@@ -1,0 +1,308 @@
+"""A policy as a single C99 header: a comment, the policy's data, and the runtime.
+
+The runtime is plain C: ``policy/contract.h`` and what it includes, one file for each part. Behind any
+data each of them compiles by itself; what they do is decided there, not here.
+"""
+
+import math
+import posixpath
+import re
+from collections.abc import Sequence
+from dataclasses import asdict
+from importlib import resources
+from pathlib import PurePosixPath
+
+import numpy as np
+
+from ..common import __version__
+from ..common.errors import SwingupError
+from ..plant.base_parameters import BASE, base_parameters, lumped
+from ..plant.equations import COULOMB_STEEPNESS, mass_entries
+from ..plant.momentum import CLOSE_RATES
+from ..plant.units import C1, Scales, arm_scales, scaled, similar_plant
+from ..policy import estimator, identifier, regulator
+from ..policy.guard import BRAKED_MULTIPLE, PUSHING_SHARE, SENTENCES, STANDSTILLS, GuardSettings, Reason
+from ..policy.identifier import LEAST_GAIN
+from ..policy.identifier import Loop as Identifier
+from ..policy.network import NormaliseStage, PendulumStage, PlantStage, Stage, require_portable
+from ..policy.numpy_backend import regulator_loop
+from ..policy.pendulum import PendulumPolicy
+from ..policy.regulator import Loop as Regulator
+from .folder import NAME, check_export_name
+
+POLICY = resources.files("swingup") / "policy"
+"""Where the runtime's files are."""
+
+USAGE = """\
+/*
+ * {about}, written by swingup {version}.
+ *
+ * C99, <math.h> and <stdint.h>; no allocation, no global state, no other library. Sizes and weights are fixed.
+ *
+ *     swingup_controller controller;
+ *     swingup_reset(&controller);                     before every run
+ *     swingup_control(&controller, t, x, u);          at every step, {rate}
+ *
+ * x = [q1, q2, dq1, dq2]: shoulder angle from hanging down, elbow angle relative to link 1 (rad), and their rates
+ * (rad/s); t is the time (s); u = [u1, u2] are the torques of shoulder and elbow (N m), within the motors' limits,
+ * the passive joint's {passive}.
+ * swingup_policy(x) is the policy alone: the torque of the driven joint, without memory.
+{notes} */
+"""
+IDENTIFIED_NOTE = """\
+ * swingup_base_parameters(&controller) are nine numbers: what the identifier has found of the plant so far.
+"""
+GUARDED_NOTE = """\
+ * The safety guard stops the controller for good at a limit or a broken measurement, until swingup_reset:
+ * swingup_guard_reason(&controller) is then not 0, and swingup_guard_sentence(&controller) says why.
+"""
+UNGUARDED_NOTE = """\
+ * A torque is NaN where the state is not finite: check what you send to a motor.
+"""
+
+
+def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
+    """The header's text, in which all names begin with ``name``: several go into one program."""
+    check_export_name(name)
+    require_portable(policy.network, "a C header")
+    data = f"#ifndef SWINGUP_POLICY_H\n#define SWINGUP_POLICY_H\n\n{c_data(policy)}"
+    text = f"{_usage(policy)}{data}\n{runtime()}\n#endif\n"
+    # Two headers in one program must not share a name.
+    return text.replace(f"{NAME}_", f"{name}_").replace(f"{NAME.upper()}_", f"{name.upper()}_")
+
+
+def c_data(policy: PendulumPolicy) -> str:
+    """The data of a policy in C, which the runtime expects before it."""
+    # A name may be anything: no end of a comment may come from a file.
+    plant = re.sub(r"[^\w. -]", "_", policy.plant.name, flags=re.ASCII)[:60] or "that of the policy"
+    lines = [f"/* The plant is {plant}. */"]
+    for part, data in runtime_data(policy).items():
+        lines += [
+            f"\n/* ---- data of {part} ---- */\n",
+            *(_definition(name, value) for name, value in data.items()),
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def runtime() -> str:
+    """The runtime as one text: ``contract.h`` with each other file where it is first included."""
+    included: set[str] = set()
+
+    def whole(path: PurePosixPath) -> str:
+        name = posixpath.normpath(path)
+        # As an include guard would: the user's header has each part once.
+        if name in included:
+            return ""
+        included.add(name)
+        text = POLICY.joinpath(name).read_text(encoding="utf-8")
+        return re.sub(r'#include "(.*)"\n', lambda found: whole(path.parent / found[1]), text)
+
+    return whole(PurePosixPath("contract.h"))
+
+
+def _usage(policy: PendulumPolicy) -> str:
+    parts = {"state estimator": policy.estimator, "identifier": policy.identifier, "safety guard": policy.guard}
+    around = " and its ".join(name for name, part in parts.items() if part is not None)
+    what = "A policy" if policy.regulator is None else "A policy with its regulator"
+    return USAGE.format(
+        about=f"{what}{f' behind its {around}' if around else ''} for the {policy.robot.name}",
+        version=__version__,
+        rate=f"every {policy.period:g} s" if policy.period else "at the loop's rate",
+        passive="for its friction" if policy.torque_limits[1 - policy.robot.joint] else "0",
+        notes=(IDENTIFIED_NOTE if policy.identifier else "") + (GUARDED_NOTE if policy.guard else UNGUARDED_NOTE),
+    )
+
+
+def _definition(name: str, value: int | float | str | np.ndarray) -> str:
+    """A number or a text as a macro, an array as a constant."""
+    if not isinstance(value, np.ndarray):
+        return f"#define SWINGUP_{name} {value if isinstance(value, int | str) else repr(float(value))}"
+    if value.ndim == 2 and value.dtype == np.float32:
+        # Weights: the only numbers in single precision, input by input in one row.
+        rows = ",\n".join(_decimals(row, "f") for row in value)
+        return f"static const float swingup_{name}[{value.size}] = {{\n{rows}\n}};"
+    sizes = "".join(f"[{size}]" for size in value.shape)
+    return f"static const double swingup_{name}{sizes} = {_braces(value.astype(np.float64))};"
+
+
+def _braces(values: np.ndarray) -> str:
+    """An initialiser."""
+    inner = ",\n    ".join(_braces(row) for row in values) if values.ndim > 1 else _decimals(values)
+    return f"{{{inner}}}"
+
+
+def _decimals(values: np.ndarray, suffix: str = "") -> str:
+    """Decimals that C reads back as the same numbers."""
+    return ", ".join(f"{np.format_float_scientific(value)}{suffix}" for value in values)
+
+
+Data = dict[str, int | float | str | np.ndarray]
+"""Numbers, texts and arrays by their names, without the prefix."""
+
+
+AS_IN_PYTHON = (
+    "BANDWIDTH", "RELATIVE_FLOOR", "GATE_HOLD", "STUDENT", "RISE_TIME", "FALL_TIME", "LEAST_MASS_SHARE",
+    "LARGEST_ANGLE", "MOST_OFFSET", "AGE_CAUTION", "UNEVEN_FADING", "UNEVEN_STEP", "MOST_NOISE", "NOISE_TIME",
+    "EVEN_STEPS",
+)  # fmt: skip
+"""Constants of the identifier that the runtime has under the same names."""
+
+
+def runtime_data(policy: PendulumPolicy) -> dict[str, Data]:
+    """All that the runtime needs, part by part."""
+    parts = {
+        "ESTIMATOR": policy.estimator,
+        "IDENTIFIER": policy.identifier,
+        "REGULATOR": policy.regulator,
+        "GUARD": policy.guard,
+    }
+    joint = policy.robot.joint
+    reasons: Data = {f"GUARD_{reason.name}": reason.value for reason in Reason}
+    found: dict[str, Data] = {
+        "the switches": {f"HAS_{name}": int(part is not None) for name, part in parts.items()},
+        "the plant": plant_data(policy),
+        "the network": network_data(policy),
+        "the guard's reasons": reasons | {"GUARD_SENTENCES": ", ".join(f'"{text}"' for text in SENTENCES)},
+    }
+    if policy.estimator is not None:
+        loop = estimator.make_loop(policy.estimator, policy.plant, joint, policy.identifier)
+        found["the estimator"] = estimator_data(loop)
+        if loop.finding is not None:
+            found["the identifier"] = identifier_data(loop.finding)
+    if policy.regulator is not None:
+        known = policy.regulator, policy.plant, joint, policy.torque_limit
+        found["the regulator"] = regulator_data(regulator_loop(*known))
+    if policy.guard is not None:
+        found["the guard"] = guard_data(policy.guard, policy)
+    return found
+
+
+def plant_data(policy: PendulumPolicy) -> Data:
+    """What the policy's plant is, in its base parameters and C.1's units, these units, and what its motors can."""
+    scales = arm_scales(policy.plant)
+    plant = similar_plant(policy.plant, scales)
+    return {
+        "TIME_UNIT": scales.time,
+        "TORQUE_UNIT": scales.torque,
+        "base_units": np.array(scales.base),
+        "DRIVEN": policy.robot.joint,
+        "L1": plant.l1,
+        "GRAVITY": plant.g,
+        "GEAR": plant.gr,
+        "STEEPNESS": COULOMB_STEEPNESS,
+        "theta": base_parameters(plant),
+        "limits": np.array(policy.torque_limits),
+    }
+
+
+def network_data(policy: PendulumPolicy) -> Data:
+    """The network and its observation: folded for the plant, unless an identifier tells it another one."""
+    told = policy.identifier is not None and policy.network.plant_stage is not None
+    network = policy.network if told else policy.folded
+    layers = network.layers
+    widths = [layers[0].weight.shape[1], *(len(layer.bias) for layer in layers)]
+    shapes = [(index, *layer.weight.T.shape, int(index < len(layers) - 1)) for index, layer in enumerate(layers)]
+    data: Data = {
+        "TORQUE_LIMIT": policy.torque_limit,
+        "INPUTS": widths[0],
+        "WIDEST": max(widths),
+        # Index, inputs, outputs, and whether a rectifier follows.
+        "LAYERS(APPLY)": " ".join(f"APPLY{shape}" for shape in shapes),
+    }
+    for index, layer in enumerate(layers):
+        data |= {f"weight_{index}": layer.weight.T, f"bias_{index}": layer.bias.astype(np.float64)}
+    return _observation_data(network.stages, arm_scales(policy.plant)) | data
+
+
+def _observation_data(stages: Sequence[Stage], scales: Scales) -> Data:
+    """The stages: angles and velocities, perhaps normalised, perhaps with the plant behind them; in C.1's units."""
+    angles, *others = (scaled(stage, C1.over(scales)) for stage in stages)
+    kinds = [type(stage) for stage in others]
+    normalise = next((stage for stage in others if isinstance(stage, NormaliseStage)), None)
+    plant = next((stage for stage in others if isinstance(stage, PlantStage)), None)
+    # At most one of each, in this order.
+    if not isinstance(angles, PendulumStage) or kinds != [k for k in (NormaliseStage, PlantStage) if k in kinds]:
+        names = ", ".join(type(stage).__name__ for stage in stages)
+        raise SwingupError(f"a header cannot have the observation stages {names}: export to NumPy")
+    data: Data = {
+        "WRAPPED": int(angles.angles == "wrapped"),
+        "VELOCITY_SCALE": angles.velocity_scale,
+        "STATE_INPUTS": angles.size(4),
+        "NORMALISED": int(normalise is not None),
+        "SEES_PLANT": int(plant is not None),
+    }
+    if normalise is not None:
+        data |= {"INPUT_CLIP": normalise.clip, "input_mean": normalise.mean, "input_deviation": normalise.deviation}
+    if plant is not None:
+        data |= {"PLANT_CLIP": plant.clip, "plant_centre": plant.centre, "plant_scale": plant.scale}
+    return data
+
+
+def estimator_data(loop: estimator.Loop) -> Data:
+    """What the estimator expects of the loop, and the gains of its filters."""
+    settings = loop.settings
+    return {
+        "DT": settings.dt,
+        "LONGEST_GAP": settings.longest_gap,
+        "SHORTEST_STEP": identifier.SHORTEST_STEP * settings.dt,
+        "LONGEST_STEP": identifier.LONGEST_STEP * settings.dt,
+        "DELAYS": settings.max_delay_steps + 1,
+        "PREDICTION_STEPS": estimator.PREDICTION_STEPS,
+        "FADING": math.exp(-settings.dt / estimator.EVIDENCE_TIME),
+        "OUTLIER_SQUARED": estimator.OUTLIER_SCALE**2,
+        "DELAY_PENALTY": estimator.DELAY_PENALTY,
+        "RESET_RATE": estimator.RESET_SIGMAS * settings.velocity_noise,
+        "gains": np.reshape(loop.gains, (2, 2)),
+    }
+
+
+def identifier_data(loop: Identifier) -> Data:
+    """What the identifier begins with, and how it learns in an estimator's loop."""
+    i, driven, mean, covariance = identifier, np.arange(2) == loop.joint, loop.mean, loop.covariance
+    deviation = np.where(driven, i.DRIVEN_DEVIATION, i.PASSIVE_DEVIATION)
+    nominal = lumped(mean[:BASE], loop.geometry)
+    return {
+        "UNKNOWNS": len(mean),
+        "SPAN": i.row_span(loop.period),
+        "COMMANDS": i.commands(loop.period, loop.max_delay_steps),
+        **{name: getattr(i, name) for name in AS_IN_PYTHON},
+        "GATE_SQUARED": i.GATE_SIGMAS**2,
+        "CORRELATION": i.POLES / i.BANDWIDTH,
+        "CLOSE_RATES": CLOSE_RATES,
+        "TILT_RATIO": mean[2] / mean[3],
+        "NOISE_GAIN": loop.noise_gain,
+        "PASSIVE_LIMIT": loop.passive_limit,
+        "LEAST_GAIN": LEAST_GAIN,
+        "mean": mean,
+        "prior": covariance,
+        "drift": i.DRIFT**2 * np.diagonal(covariance),
+        "first_variance": deviation**2,
+        "least_variance": np.where(driven, i.DRIVEN_FLOOR, i.PASSIVE_FLOOR) ** 2,
+        "most_variance": (i.MOST_DEVIATION * deviation) ** 2,
+        # Stretched and folded: M11, M12, M22.
+        "nominal_mass": np.array([mass_entries(nominal, cos2) for cos2 in (1.0, -1.0)]),
+    }
+
+
+def regulator_data(loop: Regulator) -> Data:
+    """The regulator's costs and bounds, and the cost-to-go of the policy's plant."""
+    names = "COULOMB_DAMPING", "RICCATI_STEP", "RICCATI_STEPS", "DRY_SHARE", "DRY_KNEE"
+    return {
+        **{name: getattr(regulator, name) for name in names},
+        **{name.upper(): value for name, value in asdict(loop.settings).items()},
+        "TORQUE_WEIGHT": regulator.R,
+        "state_weights": np.array(regulator.Q),
+        # Without the row and the column that NumPy's regulator has for the torque.
+        "cost_to_go": loop.start[:4, :5],
+    }
+
+
+def guard_data(settings: GuardSettings, policy: PendulumPolicy) -> Data:
+    """The guard's limits."""
+    return {
+        **{f"GUARD_{name.upper()}": value for name, value in asdict(settings).items()},
+        "GUARD_TORQUE_RATE": settings.rate(policy.torque_limits[policy.robot.joint]),
+        "STANDSTILLS": STANDSTILLS,
+        "PUSHING_SHARE": PUSHING_SHARE,
+        "BRAKED_RATE": BRAKED_MULTIPLE * settings.velocity_limit,
+    }

@@ -1,1 +1,0 @@
-"""Policies in a browser: the script that the report's pages hold."""

@@ -1,1 +1,0 @@
-"""The state estimator before a policy: ``core`` has its equations, ``settings`` what a file may say of it."""

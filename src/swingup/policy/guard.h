@@ -1,0 +1,142 @@
+/*
+ * The safety guard; guard.py has its rules. Without one the reason stays 0.
+ */
+#ifndef SWINGUP_GUARD_H
+#define SWINGUP_GUARD_H
+
+#include "numbers.h"
+
+typedef struct {
+    int reason;         /* why the controller was stopped; SWINGUP_GUARD_NONE while it acts */
+    int joint;          /* the joint meant: 0 is the shoulder, 1 the elbow; -1 for none */
+    double when, value; /* time of that call (s), and what was beyond its limit or not finite */
+    int called, still, brakes, lost;
+    double time, step;            /* of the last call, and since the one before (s) */
+    double sample[4], torques[2]; /* last finite measurement, and torques */
+    double gaps[2], stuck;        /* time for which a joint has shown nothing new, and stood still (s) */
+} swingup_guard;
+
+#if SWINGUP_HAS_GUARD
+/* Latch the first fault; brake from it on, until a fault of sensor or clock. */
+static inline void swingup_stop(swingup_guard *c, int reason, int joint, double value)
+{
+    const int motion =
+        reason == SWINGUP_GUARD_ANGLE || reason == SWINGUP_GUARD_VELOCITY || reason == SWINGUP_GUARD_TORQUE;
+    c->brakes = motion && SWINGUP_GUARD_BRAKING > 0.0 && (c->reason == SWINGUP_GUARD_NONE || c->brakes);
+    if (c->reason == SWINGUP_GUARD_NONE) {
+        c->reason = reason;
+        c->joint = joint;
+        c->when = c->time;
+        c->value = value;
+    }
+}
+
+/* Take in the measurement; stops the controller if it is unsound. */
+static inline void swingup_check(swingup_guard *c, const double x[4], int first)
+{
+    const double borne = c->reason == SWINGUP_GUARD_NONE ? SWINGUP_GUARD_LONGEST_GAP : 0.0;
+    double *sample = c->sample;
+    int i, finite[2], same[2];
+    c->lost = 0;
+    for (i = 0; i < 2; i++) {
+        finite[i] = swingup_finite(x + i, 1) && swingup_finite(x + i + 2, 1);
+        same[i] = !finite[i] || (!first && x[i] == sample[i] && x[i + 2] == sample[i + 2]);
+        c->gaps[i] = finite[i] && (!same[i] || x[i + 2] == 0.0) ? 0.0 : c->gaps[i] + c->step;
+        c->lost |= !finite[i];
+        if (finite[i]) {
+            sample[i] = x[i];
+            sample[i + 2] = x[i + 2];
+        }
+    }
+    i = fabs(c->torques[SWINGUP_DRIVEN]) > SWINGUP_PUSHING_SHARE * swingup_limits[SWINGUP_DRIVEN];
+    c->stuck = same[SWINGUP_DRIVEN] && i ? c->stuck + c->step : 0.0;
+    for (i = 0; i < 2; i++) {
+        if (!finite[i] && c->gaps[i] > borne) {
+            swingup_stop(c, SWINGUP_GUARD_NOT_FINITE, i, swingup_finite(x + i, 1) ? x[i + 2] : x[i]);
+            return;
+        }
+    }
+    for (i = 0; i < 2; i++) {
+        if (fabs(sample[i]) > SWINGUP_GUARD_ANGLE_LIMIT) {
+            swingup_stop(c, SWINGUP_GUARD_ANGLE, i, sample[i]);
+            return;
+        }
+        if (fabs(sample[i + 2]) > SWINGUP_GUARD_VELOCITY_LIMIT) {
+            swingup_stop(c, SWINGUP_GUARD_VELOCITY, i, sample[i + 2]);
+            return;
+        }
+    }
+    for (i = 0; i < 2; i++) {
+        if (c->gaps[i] > SWINGUP_GUARD_LONGEST_GAP) {
+            swingup_stop(c, SWINGUP_GUARD_STALE, i, c->gaps[i]);
+            return;
+        }
+    }
+    if (c->stuck > SWINGUP_GUARD_STUCK_TIME) {
+        swingup_stop(c, SWINGUP_GUARD_STALE, SWINGUP_DRIVEN, c->stuck);
+    }
+}
+
+/* Whether the controller may act on the state x measured at time t (s). */
+static inline int swingup_allows(swingup_guard *c, double t, const double x[4])
+{
+    const double pause = t - c->time;
+    const int first = !c->called;
+
+    c->called = 1;
+    c->time = t;
+    if (!swingup_finite(&t, 1) || !(first || pause >= 0.0)) {
+        swingup_stop(c, SWINGUP_GUARD_CLOCK, -1, first ? t : pause);
+        return 0;
+    }
+    c->still = !first && pause == 0.0 ? c->still + 1 : 0;
+    if (c->still > SWINGUP_STANDSTILLS) {
+        swingup_stop(c, SWINGUP_GUARD_CLOCK, -1, pause);
+        return 0;
+    }
+    if (!first && pause > SWINGUP_GUARD_LONGEST_GAP) {
+        swingup_stop(c, SWINGUP_GUARD_LATE, -1, pause);
+        return 0;
+    }
+    c->step = first || pause == 0.0 ? SWINGUP_GUARD_DT : pause;
+    swingup_check(c, x, first);
+    return c->reason == SWINGUP_GUARD_NONE;
+}
+
+/* The torques of a stopped controller: none, or damping while the measurement is sound. */
+static inline void swingup_stopped(swingup_guard *c, double u[2])
+{
+    int i;
+    for (i = 0; i < 2; i++) {
+        const double rate = c->sample[i + 2];
+        const int sound = c->brakes && fabs(rate) <= SWINGUP_BRAKED_RATE;
+        c->torques[i] = u[i] = sound ? swingup_clip(-SWINGUP_GUARD_BRAKING * rate, swingup_limits[i]) : 0.0;
+    }
+}
+
+/* The controller's torques within rate and limits; safe ones if one of them is not finite. */
+static inline void swingup_limited(swingup_guard *c, double u[2])
+{
+    const double change = SWINGUP_GUARD_TORQUE_RATE * c->step;
+    int i;
+    for (i = 0; i < 2; i++) {
+        if (!swingup_finite(u + i, 1) && c->lost) {
+            swingup_copy(u, c->torques, 2);
+            return;
+        }
+        if (!swingup_finite(u + i, 1)) {
+            swingup_stop(c, SWINGUP_GUARD_TORQUE, i, u[i]);
+            swingup_stopped(c, u);
+            return;
+        }
+    }
+    for (i = 0; i < 2; i++) {
+        const double most = c->torques[i] + change, least = c->torques[i] - change;
+        u[i] = u[i] > most ? most : u[i];
+        u[i] = swingup_clip(u[i] < least ? least : u[i], swingup_limits[i]);
+        c->torques[i] = u[i];
+    }
+}
+#endif
+
+#endif

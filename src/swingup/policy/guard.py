@@ -1,0 +1,267 @@
+"""The safety guard in plain floats.
+
+L_i is a joint's torque limit: the plant's on the driven joint; on the passive one ``passive_limit``, or 0
+without an identifier. Each call has a time t and a measurement z = [q, v]; p is the time since the last call,
+and h = p, or dt at the first call and where p = 0. The first of these that holds is the fault:
+
+1. CLOCK: t is not finite, p < 0, or p = 0 for the 11th time in a row.
+2. LATE: p > ``longest_gap``.
+3. NOT_FINITE: a joint's q_i or v_i is not finite, and its gap s_i > ``longest_gap`` or there was a fault. s_i grows
+   by h in such a call, and where both repeat the digits of the last finite ones and v_i is not 0; else it is 0.
+4. ANGLE, VELOCITY: |q_i| > ``angle_limit``, |v_i| > ``velocity_limit`` of a finite joint; the shoulder first.
+5. STALE: s_i > ``longest_gap``, or w > ``stuck_time``. w grows by h where the driven joint's q and v repeat or are
+   not finite and the last torque was above L/2; else it is 0.
+   A pendulum may thus hang or stand still for ever.
+
+Without a fault, now or before, the controller computes its torques u from z. In a shorter gap an estimator predicts
+the state. A controller that has none gives NaN for a state that is not finite, and the last torques are held.
+
+6. TORQUE: a torque of u is not finite, though z is.
+7. Otherwise u_i is limited to within r h of the last call's torque, 0 before the first, and then to L_i. A
+   torque that changes too fast is limited and no fault: it moves the pendulum less than asked, while a stop
+   would drop it.
+
+Once latched, all torques are 0 at once, whatever r is. If ``braking`` is above 0 and the fault was ANGLE,
+VELOCITY or TORQUE, they are -k_d v_i within L_i, and 0 in calls with |v_i| above twice its limit. Braking ends
+for good at the first call with another fault (1 to 5): nothing brakes by a broken measurement.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Annotated, Any, ClassVar, NamedTuple, TypeAlias
+
+import numpy as np
+
+from ..common.errors import SwingupError
+from ..common.settings import Range, Settings, read_settings
+
+STANDSTILLS = 10
+"""Most calls in a row that may have the same time: a loop may call twice for one measurement."""
+PUSHING_SHARE = 0.5
+"""A torque above this part of its joint's limit must move the joint."""
+BRAKED_MULTIPLE = 2.0
+"""A velocity beyond this many of the guard's limits cannot be braked by."""
+
+
+class Reason(IntEnum):
+    """Why a guard stopped its controller; the numbers are those of the C header."""
+
+    NONE = 0
+    NOT_FINITE = 1
+    ANGLE = 2
+    VELOCITY = 3
+    STALE = 4
+    LATE = 5
+    CLOCK = 6
+    TORQUE = 7
+
+
+SENTENCES = (
+    "the guard has not stopped the controller",
+    "a measured angle or velocity is not a finite number",
+    "a joint's angle is beyond the limit",
+    "a joint's velocity is beyond the limit",
+    "a joint's measurement repeats itself while the joint must be moving",
+    "the time since the last call is beyond the limit",
+    "the clock runs backward, stands still or is not a finite number",
+    "the controller's torque is not a finite number",
+)
+"""The reasons in words, by their number."""
+
+_UNITS = {Reason.ANGLE: " rad", Reason.VELOCITY: " rad/s", Reason.STALE: " s", Reason.LATE: " s"}
+
+MOTION = (Reason.ANGLE, Reason.VELOCITY, Reason.TORQUE)
+"""Reasons that leave the measurement sound: only after these may a guard brake."""
+
+
+class Fault(NamedTuple):
+    """What made a guard stop its controller."""
+
+    reason: Reason
+    time: float
+    """Time of the call (s)."""
+    joint: int
+    """0 is the shoulder, 1 the elbow; -1 where no joint is meant."""
+    value: float
+    """The angle (rad), the velocity (rad/s) or the time (s) that was beyond its limit, or what was not finite."""
+
+    def __str__(self) -> str:
+        joint = f"{('shoulder', 'elbow')[self.joint]}, " if self.joint >= 0 else ""
+        unit = _UNITS.get(self.reason, "")
+        return f"{SENTENCES[self.reason]} ({joint}{self.value:.6g}{unit}, at t = {self.time:.6g} s)"
+
+
+@dataclass(frozen=True)
+class GuardSettings(Settings):
+    """What a robot may do under a controller; its limits are those of RealAIGym's loop on the robot."""
+
+    PART: ClassVar[str] = "guard"
+    dt: Annotated[float, Range(1e-6, 0.1)] = 0.002
+    """Time between calls (s)."""
+    angle_limit: Annotated[float, Range(1e-6, 1e6)] = 4 * math.pi
+    """Largest angle of either joint (rad)."""
+    velocity_limit: Annotated[float, Range(1e-6, 1e6)] = 20.0
+    """Largest velocity of either joint (rad/s)."""
+    longest_gap: Annotated[float, Range(1e-6, 1e6)] = 0.05
+    """Longest time without a fresh measurement (s): between two calls, of numbers that are not finite, or of angle
+    and velocity of a joint that repeat, digit by digit, with a velocity other than 0."""
+    stuck_time: Annotated[float, Range(1e-6, 1e6)] = 0.2
+    """Longest time (s) for which the driven joint's measurement may repeat under more than half its torque."""
+    torque_rate: Annotated[float | None, Range(1e-6, 1e6)] = None
+    """Fastest change of a torque (N m/s), to which torques are limited; None: the motor's limit within ``dt``."""
+    braking: Annotated[float, Range(0.0, 1e3)] = 0.0
+    """Damping kd of a stopped joint (N m s/rad): its torque is -kd q̇ within its limit. At 0 all torques are 0."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        # Every call would be late.
+        if self.longest_gap < self.dt:
+            raise SwingupError(
+                f"guard setting longest_gap = {self.longest_gap:g} is below dt = {self.dt:g}: raise it"
+            )
+
+    def rate(self, limit: float) -> float:
+        """Fastest change of the torque (N m/s) of a motor with a torque limit (N m)."""
+        return limit / self.dt if self.torque_rate is None else self.torque_rate
+
+
+GuardChoice: TypeAlias = bool | GuardSettings | Mapping[str, Any] | None
+"""A guard as callers choose it: where the policy file has one (None), never (False), always (True: with the file's
+settings, or the defaults), or always with settings of the caller."""
+
+
+def default_guard(dt: float | None = None) -> GuardSettings:
+    """The guard of a loop with ``dt`` (s) between calls; None for any. It bears ten missed calls at least."""
+    if dt is None:
+        return GuardSettings()
+    return GuardSettings(dt=dt, longest_gap=max(GuardSettings.longest_gap, 10 * dt), stuck_time=100 * dt)
+
+
+def choose_guard(choice: GuardChoice, own: GuardSettings | None, dt: float | None) -> GuardSettings | None:
+    """The guard that a caller chose for a policy; None for none.
+
+    ``own`` is the policy file's. The policy expects calls dt (s) apart; None for any time.
+    """
+    if choice is None or choice is False:
+        return own if choice is None else None
+    if isinstance(choice, GuardSettings):
+        return choice
+    # A caller's mapping is read as a file's entry is, with the same errors.
+    return (
+        own or default_guard(dt) if choice is True else read_settings({GuardSettings.PART: choice}, GuardSettings)
+    )
+
+
+class Guard:
+    """Watches one loop: at each call ``allows``, then ``limited`` for the torques, or ``stopped`` instead."""
+
+    def __init__(self, settings: GuardSettings, joint: int, limits: tuple[float, float]) -> None:
+        """Prepare for a loop, whose motors have torque limits of shoulder and elbow (N m)."""
+        self.settings, self._joint, self._limits = settings, joint, limits
+        self._rate = settings.rate(limits[joint])
+        self.reset()
+
+    def reset(self) -> None:
+        """Let the controller act again; nothing seen yet."""
+        self.fault: Fault | None = None
+        self._time = -math.inf
+        self._step = self.settings.dt
+        self._sample = (0.0, 0.0, 0.0, 0.0)
+        self._torques = (0.0, 0.0)
+        self._gaps, self._stuck = [0.0, 0.0], 0.0
+        self._lost = False
+        self._standstills = 0
+        self._brakes = False
+
+    def allows(self, t: float, x: np.ndarray) -> bool:
+        """Whether the controller may act on the state x (4,) (rad, rad/s) measured at time t (s)."""
+        fault = self._fault(t, tuple(np.asarray(x, np.float64).tolist()))
+        if fault is not None:
+            self._stop(fault)
+        return self.fault is None
+
+    def limited(self, u: np.ndarray) -> np.ndarray:
+        """The controller's torques (2,) (N m) within rate and limits; safe ones if one of them is not finite."""
+        asked = u.tolist()
+        for joint in (0, 1):
+            if not math.isfinite(asked[joint]):
+                # Short of an estimator nothing can be computed from a broken measurement: the last torques are
+                # held.
+                if self._lost:
+                    return np.array(self._torques)
+                self._stop(Fault(Reason.TORQUE, self._time, joint, asked[joint]))
+                return self.stopped()
+        change = self._rate * self._step
+        first, second = (
+            max(-limit, min(limit, max(before - change, min(before + change, torque))))
+            for torque, before, limit in zip(asked, self._torques, self._limits, strict=True)
+        )
+        self._torques = first, second
+        return np.array(self._torques)
+
+    def stopped(self) -> np.ndarray:
+        """The torques (2,) (N m) of a stopped controller: none, or damping while the measurement is sound."""
+        self._torques = (0.0, 0.0)
+        kd, most = self.settings.braking, BRAKED_MULTIPLE * self.settings.velocity_limit
+        if self._brakes:
+            first, second = (
+                max(-limit, min(limit, -kd * rate)) if abs(rate) <= most else 0.0
+                for rate, limit in zip(self._sample[2:], self._limits, strict=True)
+            )
+            self._torques = first, second
+        return np.array(self._torques)
+
+    def _stop(self, fault: Fault) -> None:
+        """Latch the first fault; brake from it on, until a fault of sensor or clock."""
+        motion = fault.reason in MOTION
+        self._brakes = motion and self.settings.braking > 0 and (self.fault is None or self._brakes)
+        self.fault = self.fault or fault
+
+    def _fault(self, t: float, x: tuple[float, ...]) -> Fault | None:
+        """What is wrong with this call, if anything; takes the call in."""
+        pause = t - self._time
+        first = self._time == -math.inf
+        self._time = t
+        if not math.isfinite(t) or not (first or pause >= 0):
+            return Fault(Reason.CLOCK, t, -1, t if first else pause)
+        self._standstills = self._standstills + 1 if pause == 0 else 0
+        if self._standstills > STANDSTILLS:
+            return Fault(Reason.CLOCK, t, -1, pause)
+        if not first and pause > self.settings.longest_gap:
+            return Fault(Reason.LATE, t, -1, pause)
+        # A loop that calls twice at one time must not stop the gaps from growing.
+        self._step = self.settings.dt if first or pause == 0 else pause
+        return self._unsound(t, x, first)
+
+    def _unsound(self, t: float, x: tuple[float, ...], first: bool) -> Fault | None:
+        """What is wrong with the measurement, if anything."""
+        s, driven, before = self.settings, self._joint, self._sample
+        finite = [math.isfinite(x[i]) and math.isfinite(x[i + 2]) for i in (0, 1)]
+        same = [not first and x[i] == before[i] and x[i + 2] == before[i + 2] for i in (0, 1)]
+        self._lost = not all(finite)
+        for i in (0, 1):
+            shows = finite[i] and (not same[i] or x[i + 2] == 0)
+            self._gaps[i] = 0.0 if shows else self._gaps[i] + self._step
+        pushed = abs(self._torques[driven]) > PUSHING_SHARE * self._limits[driven]
+        still = same[driven] or not finite[driven]
+        self._stuck = self._stuck + self._step if still and pushed else 0.0
+        # What is not finite is not a sample: the next one must not be compared with it.
+        q1, q2, v1, v2 = (x[i] if finite[i % 2] else before[i] for i in range(4))
+        self._sample = q1, q2, v1, v2
+        # Nothing may brake by a broken measurement.
+        borne = s.longest_gap if self.fault is None else 0.0
+        for i in (0, 1):
+            if not finite[i] and self._gaps[i] > borne:
+                return Fault(Reason.NOT_FINITE, t, i, x[i] if not math.isfinite(x[i]) else x[i + 2])
+        for i in (0, 1):
+            # Where a joint is not finite, this is its sample before, which was within the limits.
+            if abs(angle := self._sample[i]) > s.angle_limit:
+                return Fault(Reason.ANGLE, t, i, angle)
+            if abs(rate := self._sample[i + 2]) > s.velocity_limit:
+                return Fault(Reason.VELOCITY, t, i, rate)
+        for i in (0, 1):
+            if self._gaps[i] > s.longest_gap:
+                return Fault(Reason.STALE, t, i, self._gaps[i])
+        return Fault(Reason.STALE, t, driven, self._stuck) if self._stuck > s.stuck_time else None

@@ -1,1 +1,0 @@
-"""The identifier of an estimator's plant: ``core`` has its equations, ``settings`` what it expects of plants."""

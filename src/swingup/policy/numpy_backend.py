@@ -1,0 +1,243 @@
+"""A policy as a controller by NumPy alone: what runs on the robot."""
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..plant.base_parameters import BASE, base_parameters
+from ..plant.equations import NUMPY
+from ..plant.plant import Plant, Robot
+from ..plant.units import TORQUE, arm_scales
+from . import estimator, identifier, regulator
+from .contract import LoopController
+from .estimator import default_estimator
+from .guard import GuardChoice, choose_guard
+from .identifier import SHORTEST_STEP, Found
+from .network import Activation, Bounds
+from .pendulum import PendulumPolicy
+from .regulator import RICCATI_STEPS, Held, Loop, Q, R, RegulatorSettings
+from .shipped import load_policy
+
+Activate = Callable[[np.ndarray], np.ndarray]
+
+
+class NumpyNetwork:
+    """The deterministic policy: x = [q1, q2, dq1, dq2] (rad, rad/s) to the torque of the driven joint (N m).
+
+    A call works in buffers of its own: use one object in one thread.
+    """
+
+    def __init__(self, policy: PendulumPolicy) -> None:
+        """Take the arrays of a policy; one that sees its plant runs for its file's until it is told another."""
+        network = policy.folded
+        self._stages: list[Any] = list(network.stages)
+        self._torque_limit = policy.torque_limit
+        self._layers = [
+            (layer.weight.astype(np.float64), layer.bias.astype(np.float64), np.empty(layer.bias.shape))
+            for layer in network.trunk
+        ]
+        self._activate, self._bound = ACTIVATIONS[network.activation], BOUNDS[network.bounds]
+        self._head, self._offset = network.head.weight[0].astype(np.float64), network.head.bias.astype(np.float64)
+        # The biases of the first layer, which take up what the plant adds (``policy/network.py: fold``).
+        self._plant_bias = self._layers[0][1] if self._layers else self._offset
+        self._plant_stage, first = policy.network.plant_stage, policy.network.layers[0]
+        self._weight, self._bias = first.weight[:, -BASE:].astype(np.float64), first.bias.astype(np.float64)
+
+    def set_plant(self, base: Sequence[float] | np.ndarray) -> None:
+        """Show the policy a plant with base parameters θ (9,) from now on, if it sees its plant."""
+        if self._plant_stage is not None:
+            self._plant_bias[:] = self._bias + self._weight.dot(self._plant_stage.inputs(np.asarray(base)))
+
+    def __call__(self, x: np.ndarray) -> float:
+        """The torque (N m) for a state of shape (4,); NaN where that is not finite."""
+        # The clips of the observation would hide it.
+        if not all(map(math.isfinite, x.tolist())):
+            return math.nan
+        features = np.asarray(x, np.float64)
+        for stage in self._stages:
+            features = stage(features)
+        for weight, bias, result in self._layers:
+            np.dot(weight, features, out=result)
+            np.add(result, bias, out=result)
+            features = self._activate(result)
+        return self._torque_limit * self._bound(float(np.dot(self._head, features) + self._offset[0]))
+
+
+def _elu(x: np.ndarray) -> np.ndarray:
+    # Clipped, since both branches are computed: of large x the exponential has no number.
+    return np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0)))
+
+
+def _silu(x: np.ndarray) -> np.ndarray:
+    # The logistic function by tanh, which never overflows.
+    return 0.5 * x * (1.0 + np.tanh(0.5 * x))
+
+
+def _gelu(x: np.ndarray) -> np.ndarray:
+    return 0.5 * x * (1.0 + np.tanh(math.sqrt(2.0 / math.pi) * (x + 0.044715 * x**3)))
+
+
+ACTIVATIONS: dict[Activation, Activate] = {
+    "relu": lambda x: np.maximum(x, 0.0, out=x),
+    "tanh": np.tanh,
+    "elu": _elu,
+    "silu": _silu,
+    "gelu": _gelu,
+}
+BOUNDS: dict[Bounds, Callable[[float], float]] = {"tanh": math.tanh, "clip": lambda z: max(-1.0, min(1.0, z))}
+
+
+WEIGHTS = np.diag([*Q, 0.0, R])
+CONSTANT = (0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+"""f stays, and u is chosen anew: the last rows of a step."""
+
+
+def regulator_loop(settings: RegulatorSettings, plant: Plant, joint: int, limit: float) -> Loop:
+    """What a regulator knows of a plant, whose driven joint's torque has a limit (N m)."""
+    return regulator.make_loop(settings, plant, joint, limit, lambda P: np.pad(P, (0, 1)), advanced, cost, command)
+
+
+def held(loop: Loop, base: Sequence[float]) -> Held:
+    """What to hold for base parameters θ (9,): its step is [A d b; 0 1 0; 0 0 0]."""
+    found = regulator.held(loop, base)
+    (a1, a2, a3, a4), (d1, d2, d3, d4), (b1, b2, b3, b4) = found.step
+    rows = [*a1, d1, b1, *a2, d2, b2, *a3, d3, b3, *a4, d4, b4, *CONSTANT]
+    return found._replace(step=np.array(rows).reshape(6, 6))
+
+
+def advanced(P: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """P after the steps of one call."""
+    across = step.T
+    for _ in range(RICCATI_STEPS):
+        V = across.dot(P.dot(step))
+        V += WEIGHTS
+        coupled = V[5:]
+        # Zeros at u again, but for rounding, which the zeros of the step pass over.
+        P = V - coupled.T.dot(coupled / coupled.item(5))
+        P[4, 4] = 0.0
+    symmetric: np.ndarray = 0.5 * (P + P.T)
+    return symmetric
+
+
+def cost(P: np.ndarray, e: tuple[float, ...]) -> float:
+    """The cost-to-go eᵀ P e."""
+    error = np.array([*e, 0.0, 0.0])
+    return float(P.dot(error).dot(error))
+
+
+def command(P: np.ndarray, step: np.ndarray, e: tuple[float, ...]) -> float:
+    """The torque -K [e, f] (N m)."""
+    coupled = step.T[5].dot(P).dot(step)
+    gains = coupled / (R + coupled.item(5))
+    # The gain of the torque itself has no meaning.
+    return -float(gains[:5].dot(e))
+
+
+class NumpyPolicy:
+    """The torques of a policy, with an estimator and a regulator where its file has one."""
+
+    found: Found | None = None
+    """What the identifier has found of the plant; None without one."""
+
+    def __init__(self, policy: PendulumPolicy, estimated: bool | None = None) -> None:
+        """Take a policy behind an estimator where its file has one (None), never (False) or always (True)."""
+        self.policy, self._joint, self._network = policy, policy.robot.joint, NumpyNetwork(policy)
+        joint, scales = self._joint, arm_scales(policy.plant)
+        # All but the network computes in C.1's units; kept, since finding them takes as long as a small network.
+        self._state_units, self._base_units = np.array(scales.state), np.array(scales.base)
+        self._torque_unit = scales.of(TORQUE)
+        self.loop: estimator.Loop | None = None
+        self.shortest_pause = 0.0
+        if policy.estimator is not None if estimated is None else estimated:
+            settings = policy.estimator or default_estimator(policy.plant)
+            self.loop = estimator.make_loop(settings, policy.plant, joint, policy.identifier)
+            self.shortest_pause = SHORTEST_STEP * settings.dt
+        self._regulator: regulator.Loop | None = None
+        if policy.regulator is not None:
+            self._regulator = regulator_loop(policy.regulator, policy.plant, joint, policy.torque_limit)
+            self._held = held(self._regulator, (base_parameters(policy.plant) / self._base_units).tolist())
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the run so far."""
+        if self.loop is not None:
+            # From the first call on there is a plant to act for: the prior's.
+            self.state = estimator.begin(NUMPY, self.loop)
+            self._tell()
+        if self._regulator is not None:
+            self._regulated = regulator.begin(NUMPY, self._regulator)
+
+    def act(self, x: np.ndarray, t: float) -> np.ndarray:
+        """The torques (2,) (N m) for the state x (4,) measured at time t (s), NaN where x is not finite."""
+        # What is not finite or overflows fails a comparison, and starts again.
+        with np.errstate(all="ignore"):
+            x = x / self._state_units
+            if self.loop is not None:
+                self.state, x = estimator.observe(NUMPY, self.loop, self.state, self.found, t, x)
+                self._tell()
+            u = np.zeros(2)
+            u[self._joint] = self._torque(x)
+            if self.loop is not None and self.found is not None:
+                u = u + self._torque_unit * estimator.compensation(NUMPY, self.loop, self.found, x)
+            return u
+
+    def given(self, u: np.ndarray) -> None:
+        """Note what the motors were given of the torques (2,) (N m)."""
+        if self.loop is not None:
+            self.state = estimator.remember(NUMPY, self.loop, self.state, u / self._torque_unit)
+
+    def _tell(self) -> None:
+        """Hand the plant found to what depends on it."""
+        assert self.loop is not None  # the caller has looked
+        if self.loop.finding is None or self.state.identified is None:
+            return
+        self.found = identifier.found(NUMPY, self.loop.finding, self.state.identified)
+        if self._regulator is not None:
+            self._held = held(self._regulator, self.found.residual_base)
+
+    def _torque(self, x: np.ndarray) -> float:
+        """The torque (N m) of the regulator where it acts, or of the policy, for the state in C.1's units."""
+        if self._regulator is not None:
+            self._regulated, torque = regulator.regulate(NUMPY, self._regulator, self._regulated, self._held, x)
+            if self._regulated.acting:
+                return float(torque) * self._torque_unit
+        if self.found is not None:
+            # The network sees a plant in its own units, as it was trained.
+            self._network.set_plant(self._base_units * self.found.residual_base)
+        return self._network(x * self._state_units)
+
+
+def numpy_controller(
+    policy: PendulumPolicy, estimated: bool | None = None, guard: GuardChoice = None
+) -> LoopController[NumpyPolicy]:
+    """A controller of a policy; use one object for one pendulum, in one thread.
+
+    An estimator and a safety guard are those of the file (None), never there (False) or always (True). Settings
+    that the file lacks have their defaults, in the units of its plant.
+    """
+    settings = choose_guard(guard, policy.guard, policy.period)
+    return LoopController(NumpyPolicy(policy, estimated), policy.robot, policy.torque_limits, settings)
+
+
+def load_controller(
+    source: str | Path,
+    robot: Robot | str | None = None,
+    estimator: bool | None = None,
+    guard: GuardChoice = None,
+) -> LoopController[NumpyPolicy]:
+    """Load a controller from a policy file, or one that the package ships.
+
+    Args:
+        source: a policy file, or ``adaptive``, ``ar-eapo`` or ``global``.
+        robot: the robot that it must be for; needed with a name.
+        estimator: as :func:`numpy_controller` takes it; so is the guard.
+        guard: the safety guard.
+
+    Raises:
+        SwingupError: there is no such controller, or the file is damaged, or for another robot, or a setting of the
+            guard cannot work.
+    """
+    return numpy_controller(load_policy(source, robot), estimator, guard)

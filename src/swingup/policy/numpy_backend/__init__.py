@@ -1,1 +1,0 @@
-"""Policies by NumPy alone: what runs on the robot."""
