@@ -10,7 +10,7 @@ import numpy as np
 from swingup.benchmark.board import Case
 from swingup.benchmark.judge import judge
 from swingup.benchmark.result import Result
-from swingup.benchmark.robustness_board import RobustnessBoard, make_cases, upright, vary
+from swingup.benchmark.robustness_board import RobustnessBoard, make_cases, upright
 from swingup.benchmark.rollout import Scenario, simulate
 from swingup.benchmark.rules import SWEPT, ModelSweep, Sweep
 from swingup.benchmark.runner import run_many, stack
@@ -62,7 +62,7 @@ def joint_cases(robot: Robot, rules: RobustnessBoard) -> list[Case]:
         for name, model in rules.model.items():
             centre = 1.0 if model.relative else 0.0
             values[name] = centre + SHARE * (random.uniform(model.sweep.low, model.sweep.high) - centre)
-            plant = vary(plant, model, values[name])
+            plant = model.varied(plant, values[name])
         settings = {"parameter": ALL, "draw": draw, "values": values}
         cases.append(Case(Scenario(validated(plant), calm), settings, "model", draw))
     return cases

@@ -166,7 +166,7 @@ def test_a_policy_file_of_dm_controls_acrobot_earns_in_mujoco_what_it_earns_in_t
     module, zeros = script("acrobot_swingup"), lambda *_, **__: jnp.zeros((2, 4))
     monkeypatch.setattr(module, "EPISODES", 2)
     monkeypatch.setattr(module, "STEPS", 20)
-    monkeypatch.setattr("swingup.tasks.acrobot_swingup.winnable_starts", zeros)  # unused
+    monkeypatch.setattr("swingup.tasks.acrobot_swingup.winnable_states", zeros)  # unused
     model = AREAPO(module.ID, num_envs=2, num_steps=4, batch_size=8, evaluation_episodes=1)
     model.export_policy(tmp_path / "policy.safetensors")
     found = module.judge(tmp_path / "policy.safetensors", 7)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from swingup.dynamics.integrate import rk4_step
+from swingup.loop.starts import winnable_states
 from swingup.plant.files import load_plant
 from swingup.tasks.acrobot_swingup import (
     CAPSULES,
@@ -15,7 +16,6 @@ from swingup.tasks.acrobot_swingup import (
     AcrobotPractice,
     AcrobotSwingup,
     magnified,
-    winnable_starts,
 )
 from swingup.tasks.pendulum import PendulumState
 
@@ -64,7 +64,7 @@ def test_observation_start_and_end():
 
 
 def test_practice_observes_and_acts_as_the_task():
-    starts = np.asarray(winnable_starts(jax.random.key(0), 500, 100, 0.5))
+    starts = np.asarray(winnable_states(jax.random.key(0), CAPSULES, 500, 100, 0.5))
     assert starts.shape[1] == 4
     assert 250 < len(starts) <= 500
     # Those of the shortest paths can be held, and are closer to upright than the others.

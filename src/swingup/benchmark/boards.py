@@ -5,7 +5,7 @@ import math
 
 from ..common.checks import one_of
 from ..common.errors import SwingupError
-from ..loop.supervisors import CellSettings, Limits, Thrower
+from ..loop.supervisors import ROBOT_THROW, ROBOT_THROWER, CellSettings, Limits
 from .board import AbstractBoard
 from .robustness_board import RobustnessBoard
 from .rules import Normalisers, PushRules
@@ -55,8 +55,8 @@ ICRA_REAL = UptimeBoard(
     name="icra-real",
     throws=10,
     first=60.0 / 11,
-    throw_duration=1.0,
-    thrower=Thrower(kp=2.0, ki=0.0, kd=0.3, proportional_limit=3.0),
+    throw_duration=ROBOT_THROW,
+    thrower=ROBOT_THROWER,
     limits=Limits(angle=3.5 * math.pi, speed=20.0),
     goals=101,
     stop=Limits(angle=4 * math.pi, speed=25.0),

@@ -137,19 +137,7 @@ def _model_cases(nominal: Plant, calm: Disturbance, rules: RobustnessBoard) -> I
     swept = [(name, model, value) for name, model in rules.model.items() for value in model.sweep.values()]
     for group, (name, model, value) in enumerate(swept):
         settings = {"parameter": name, "relative": model.relative, "value": value}
-        yield Case(Scenario(validated(vary(nominal, model, value)), calm), settings, "model", group)
-
-
-def vary(nominal: Plant, model: ModelSweep, value: float) -> Plant:
-    """The plant with one value of a sweep: with a product m r it is r that changes."""
-    if model.relative:
-        mass = 1.0 if model.mass is None else getattr(nominal, model.mass)
-        # The benchmark varies m r and divides by m. Another order of operations would round differently.
-        value = mass * getattr(nominal, model.parameter) * value / mass
-    else:
-        # Added: the leaderboards' plant has 0 of what changes so, other plants have not.
-        value = getattr(nominal, model.parameter) + value
-    return nominal.changed(**{model.parameter: value})
+        yield Case(Scenario(validated(model.varied(nominal, value)), calm), settings, "model", group)
 
 
 def _sweep_cases(nominal: Plant, calm: Disturbance, rules: RobustnessBoard, criterion: str) -> Iterator[Case]:

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import numpy as np
 
+from ..loop.draw import vary
+from ..plant.plant import Plant
 from ..plant.units import NUMBER, PLANT_UNITS, TIME, TORQUE, Scales
 
 
@@ -48,6 +50,10 @@ class ModelSweep:
     """The values are factors on the nominal one; otherwise they are added to it."""
     mass: str | None = None
     """If given, the sweep is of the product of this mass and the parameter: m1 r1 or m2 r2."""
+
+    def varied(self, plant: Plant, value: float) -> Plant:
+        """The plant with one value of the sweep: with a product m r it is r that changes."""
+        return vary(plant, self.parameter, value, self.relative, self.mass)
 
     def in_units(self, scales: Scales) -> "ModelSweep":
         """The sweep for another pendulum: factors stay."""

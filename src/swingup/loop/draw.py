@@ -7,21 +7,30 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common.types import Key
-from ..plant.plant import Plant, Robot
+from ..plant.plant import NAMES, Plant, Robot
 from .disturbance import Disturbance, Pushes
 from .domain import Domain, PlantInLoop
-from .loop import Loop
+from .loop import VALUES, Loop
 
 PUSH_WIDTH = 0.05
 """Standard deviation of a push (s), the benchmark's shortest."""
 PUSH_TIME = 2.0
 """The peak of an episode's push comes at most this long after its start (s)."""
 
+DRAWN_FIRST = (
+    "r1", "m1", "r2", "I1", "I2", "Ir", "b1", "b2", "cf1", "cf2", "tl1", "passive_limit", "gain1", "gain2", "lag",
+    "delay", "late", "lateness", "quantum1", "quantum2", "offset1", "offset2",
+)  # fmt: skip
+"""The numbers to which a draw gives its first random values; the others follow in the order of their fields."""
+PLACES = np.array([[*NAMES, *VALUES].index(name) for name in dict.fromkeys([*DRAWN_FIRST, *NAMES, *VALUES])])
+"""Where each random value of a draw belongs among the leaves of a plant in its loop. Another order, or a new number
+that is not the last field of a loop, would change the draws of all domains, and so the boards' scores."""
+
 
 def draw(domain: Domain, key: Key, robot: Robot) -> tuple[Plant, Disturbance]:
     """A plant and the disturbance of its loop, each number uniform on its range in the domain."""
     value_key, push_key, noise_key = jax.random.split(key, 3)
-    plant, loop = _draw_values(domain, value_key)
+    plant, loop = draw_values(domain, value_key)
     driven = jnp.array(robot.actuation)
     limits = jnp.where(driven > 0, jnp.stack([plant.tl1, plant.tl2]), loop.passive_limit)
     disturbance = Disturbance(
@@ -36,12 +45,31 @@ def draw(domain: Domain, key: Key, robot: Robot) -> tuple[Plant, Disturbance]:
     return dataclasses.replace(plant, tl1=limits[0], tl2=limits[1]), disturbance
 
 
-def _draw_values(domain: Domain, key: Key) -> PlantInLoop:
-    ends, order = (domain.low, domain.high), np.array(domain.order)
-    low, high = (jnp.array(jax.tree.leaves(end))[order] for end in ends)
-    drawn = jax.random.uniform(key, low.shape, low.dtype, low, jnp.maximum(high, low))
-    values: PlantInLoop = jax.tree.unflatten(jax.tree.structure(domain.low), list(drawn[np.argsort(order)]))
+def draw_values(domain: Domain, key: Key, margin: float = 0.0) -> PlantInLoop:
+    """A plant and its loop, each number uniform on its range, and beyond both ends by a ``margin`` of the range.
+
+    A number's random value depends on its name and the key alone, not on the domain's other numbers.
+    """
+    low, high = (jnp.array(jax.tree.leaves(end))[PLACES] for end in (domain.low, domain.high))
+    beyond = margin * (high - low)
+    drawn = jax.random.uniform(key, low.shape, low.dtype, low - beyond, jnp.maximum(high, low) + beyond)
+    values: PlantInLoop = jax.tree.unflatten(jax.tree.structure(domain.low), list(drawn[np.argsort(PLACES)]))
     return values
+
+
+def vary(plant: Plant, parameter: str, value: float, relative: bool = False, mass: str | None = None) -> Plant:
+    """The plant with a value added to a parameter, or the parameter multiplied by it where it is ``relative``.
+
+    With a ``mass``, a parameter's name, it is the product of both that changes, as m1 r1.
+    """
+    if relative:
+        factor = 1.0 if mass is None else getattr(plant, mass)
+        # The benchmark varies m r and divides by m. Another order of operations would round differently.
+        value = factor * getattr(plant, parameter) * value / factor
+    else:
+        # Added: the leaderboards' plant has 0 of what changes so, other plants have not.
+        value = getattr(plant, parameter) + value
+    return plant.changed(**{parameter: value})
 
 
 def _pushes(loop: Loop, key: Key, robot: Robot) -> Pushes:

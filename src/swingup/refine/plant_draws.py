@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..benchmark.robustness_board import vary
 from ..benchmark.rules import MODEL_SWEEPS, ModelSweep
 from ..benchmark.runner import stack
 from ..common.errors import SwingupError
@@ -71,7 +70,7 @@ def draw_plants(
 
     def single(_: int) -> Plant:
         sweep = MODEL_SWEEPS[names[random.integers(len(names))]]
-        return vary(nominal, sweep, _anywhere(random, sweep, draws.margin))
+        return sweep.varied(nominal, _anywhere(random, sweep, draws.margin))
 
     def joint(_: int) -> Plant:
         return _all_off(random, nominal, draws.share)
@@ -82,7 +81,7 @@ def draw_plants(
         sweep = MODEL_SWEEPS[name]
         plant = nominal if index % 2 else _all_off(random, nominal, draws.friction_share)
         most = sweep.sweep.high * (1 + draws.margin)
-        return vary(plant, sweep, random.uniform(0.0, most) - getattr(plant, name))
+        return sweep.varied(plant, random.uniform(0.0, most) - getattr(plant, name))
 
     def robots(index: int) -> Plant:
         plant = _robots(random, robot, domain, nominal, draws.robot_margin)
@@ -111,7 +110,7 @@ def _all_off(random: np.random.Generator, nominal: Plant, share: float) -> Plant
     for sweep in MODEL_SWEEPS.values():
         middle = 1.0 if sweep.relative else 0.0
         drawn = middle + share * (random.uniform(sweep.sweep.low, sweep.sweep.high) - middle)
-        plant = vary(plant, sweep, drawn)
+        plant = sweep.varied(plant, drawn)
     return plant
 
 

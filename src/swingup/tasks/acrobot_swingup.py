@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..common.types import Action, Key, Observation, Scalar, State, Torque
-from ..dynamics.dynamics import total_energy
 from ..dynamics.integrate import rk4_step
+from ..loop.starts import winnable_states
 from ..plant.plant import ROBOTS, Plant, Robot
 from .pendulum import PendulumState
 from .space_actions import SpaceActions
@@ -123,8 +123,6 @@ class AcrobotSwingup(AbstractTask[PendulumState]):
 
 MAGNIFICATION = (1000.0, 1000.0, 300.0, 300.0)
 """Factors of the links' horizontal directions and of the velocities (s/rad): what can be held becomes 10 wide."""
-HIGHEST_ENERGY = 2.0
-"""Most energy of a winnable start above that of upright (J): more must be braked away first."""
 TORQUES = SpaceActions((1,), "float32", (3,), np.array([-1]), np.array([-1]))
 """The choices of a policy: full torque backwards, none, full torque forwards."""
 ACTION_REPEAT = 2
@@ -140,7 +138,7 @@ class AcrobotPractice(AcrobotSwingup):
     """
 
     starts: Float[Array, "n 4"] | None = None
-    """States to start from (rad, rad/s), such as :func:`winnable_starts`."""
+    """States to start from (rad, rad/s), such as :func:`~swingup.loop.starts.winnable_states`."""
     start_share: float = 0.0
     """Share of the episodes that start in one of them."""
 
@@ -185,7 +183,7 @@ class AcrobotPractice(AcrobotSwingup):
 
 def acrobot_practice(sparse: bool = False) -> AcrobotPractice:
     """What the preset `acrobot` trains on: half of the episodes begin on paths of up to 4 s to upright."""
-    starts = winnable_starts(jax.random.key(STARTS_SEED), STARTS, longest=400, even=0.7)
+    starts = winnable_states(jax.random.key(STARTS_SEED), CAPSULES, STARTS, longest=400, even=0.7)
     return AcrobotPractice(sparse, ACTION_REPEAT, 0.004, starts, start_share=0.55)
 
 
@@ -195,43 +193,3 @@ def magnified(observation: Float[Any, "*b 6"]) -> Float[Any, "*b 10"]:
     small = xp.concatenate([observation[..., :2], observation[..., 4:]], axis=-1)
     factors = xp.asarray(MAGNIFICATION, dtype=small.dtype)
     return xp.concatenate([observation, xp.asinh(factors * small)], axis=-1)
-
-
-def winnable_starts(key: Key, number: int, longest: int, even: float) -> Float[Array, "n 4"]:
-    """About ``number`` states (rad, rad/s) from which some torque leads upright, found backwards in time.
-
-    Backwards, the directions that run away from upright draw near it, and random torques spread the states over all
-    that can still be held. Some of the paths only ever give energy, forwards, and so begin low. They are up to
-    ``longest`` steps of 10 ms from upright. Of a share, ``even``, the time to upright is uniform; of the others its
-    logarithm is. Those that are too fast are left out.
-    """
-    keys = jax.random.split(key, 9)
-    paths = 4096
-    # A quarter of the paths always gives energy where it can, and a quarter never does so on purpose.
-    giving = jnp.clip(jax.random.uniform(keys[0], (paths,), minval=-0.5, maxval=1.5), 0.0, 1.0)
-    # Torques that last from one step to a hundred: fast swings and slow ones.
-    changing = 10.0 ** jax.random.uniform(keys[1], (paths,), minval=-2.0, maxval=0.0)
-    strength = jnp.sqrt(jax.random.uniform(keys[2], (paths,)))
-
-    def backwards(carry: tuple[Array, Array], key: Key) -> tuple[tuple[Array, Array], Array]:
-        x, level = carry
-        change, draw, give = jax.random.split(key, 3)
-        drawn = jax.random.uniform(draw, (paths,), minval=-1.0, maxval=1.0)
-        level = jnp.where(jax.random.bernoulli(change, changing), drawn, level)
-        # At rest the sign of a rate says nothing.
-        gives = jax.random.bernoulli(give, giving) & (jnp.abs(x[:, 3]) > 0.5)
-        u2 = CAPSULES.tl2 * strength * jnp.where(gives, jnp.sign(x[:, 3]), level)
-        u = jnp.stack([jnp.zeros(paths), u2], axis=-1)
-        x = jax.vmap(lambda x, u: rk4_step(CAPSULES, x, u, -0.01))(x, u)
-        return (x, level), x
-
-    upright = jnp.array([math.pi, 0.0, 0.0, 0.0])
-    begin = upright + 1e-3 * jax.random.normal(keys[3], (paths, 4)), jnp.zeros(paths)
-    _, states = jax.lax.scan(backwards, begin, jax.random.split(keys[4], longest))
-    log_time = jax.random.uniform(keys[5], (number,), maxval=math.log(longest))
-    evenly = jax.random.randint(keys[6], (number,), 0, longest)
-    is_even = jax.random.bernoulli(keys[7], even, (number,))
-    times = jnp.where(is_even, evenly, jnp.floor(jnp.exp(log_time)).astype(int) - 1)
-    found = states[times, jax.random.randint(keys[8], (number,), 0, paths)]
-    energies = jax.vmap(lambda x: total_energy(CAPSULES, x))(found)
-    return found[energies < total_energy(CAPSULES, upright) + HIGHEST_ENERGY]

@@ -11,10 +11,10 @@ from ..common.checks import one_of
 from ..common.errors import SwingupError
 from ..dynamics.dynamics import wrap_difference
 from ..dynamics.integrate import stable_substeps
-from ..loop.starts import anywhere_states, thrown_states
+from ..loop.starts import Starts, sample_starts
 from ..plant.files import load_plant
 from ..plant.plant import LEADERBOARD, PlantLike, Robot, get_robot
-from ..plant.units import STATE, scaled, scales_of
+from ..plant.units import scaled, scales_of
 from .acrobot_swingup import AcrobotSwingup
 from .observation import PendulumStage
 from .pendulum import AbstractPendulumTask, PendulumTask
@@ -25,8 +25,8 @@ AnyPendulumTask = AbstractPendulumTask | AcrobotSwingup
 TaskT = TypeVar("TaskT", bound=AbstractPendulumTask)
 GivenT = TypeVar("GivenT", bound=AnyPendulumTask)
 
-STARTS_SEED = 0
-"""Seed of the states that the global task begins in."""
+GLOBAL_STARTS, STARTS_SEED = Starts(thrown=0.7, anywhere=0.15, hanging=0.15), 0
+"""States in which the global task begins, and their seed. The board of global policies throws its pendulums."""
 SHORT_VELOCITY_COSTS = {"acrobot": (2.8, 1.4), "pendubot": (3.4, 1.7)}
 """Of the short task (s²/rad²). With higher ones acrobots swing up later; with lower ones pendubots keep a slower
 swing-up."""
@@ -56,12 +56,7 @@ def short_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> PendulumTask:
 def global_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> RecoveryTask:
     """The smooth task's pendulum, to be back up soon: mostly after throws, also from anywhere and from hanging."""
     smooth, random = _smooth(robot, plant), np.random.default_rng(STARTS_SEED)
-    # 14,000 of 20,000: the board of global policies throws its pendulums.
-    thrown = thrown_states(random, smooth.parameters, 14_000)
-    anywhere = anywhere_states(random, 3000, 10.0)
-    hanging = 0.05 * random.normal(size=(3000, 4))
-    others = scales_of(smooth.parameters).scaled(np.concatenate([anywhere, hanging]), *STATE)
-    starts = np.concatenate([thrown, others])
+    starts = sample_starts(random, smooth.parameters, GLOBAL_STARTS, 20_000)
     starts[:, :2] = wrap_difference(starts[:, :2])  # full turns cost digits in single precision
     task = RecoveryTask(**(vars(smooth) | {"max_steps": 300}), starts=jnp.asarray(starts, jnp.float32))
     return _in_own_units(task)
