@@ -17,7 +17,7 @@ from swingup.plant.files import load_plant
 from swingup.plant.plant import get_robot
 
 ACROBOT = get_robot("acrobot")
-FIRST_DRAW = [0.0, 0.0, 0.0, 0.0]
+FIRST_DRAW = [0.43446442676405217, 0.0755743854035989, 0.002119275055824273, -0.0007073005820577105]
 draw_one = jax.jit(draw, static_argnums=(0, 2))
 
 

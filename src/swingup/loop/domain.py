@@ -69,8 +69,7 @@ class Domain:
     low: PlantInLoop
     high: PlantInLoop
     names: tuple[str, ...]
-    """What the source gives, in its order, in which draws take their random numbers. The rest is the plant's or a
-    perfect loop's."""
+    """What the source gives; the rest is the plant's or a perfect loop's."""
     plant: Plant
     """The plant that the source names, or the middle of the ranges where it gives all values."""
     design: Plant
@@ -86,13 +85,6 @@ class Domain:
     def ranges(self) -> tuple[tuple[str, float, float], ...]:
         """What the source gives: names with their lowest and highest values."""
         return tuple((name, self.low.value(name), self.high.value(name)) for name in self.names)
-
-    @property
-    def order(self) -> list[int]:
-        """Places of the numbers among the leaves of ``low``, in the order in which draws take random numbers."""
-        places = {name: place for place, name in enumerate((*NAMES, *VALUES))}
-        first = [places[MOTORS[0] if name == TORQUE_LIMIT else name] for name in self.names]
-        return list(dict.fromkeys([*first, *places.values()]))
 
     def corners(self) -> Iterator[Plant]:
         """Plants at the ends of the ranges: all combinations of the masses', and both ends of the others.

@@ -4,7 +4,6 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from ..common.types import Key
 from ..plant.plant import NAMES, Plant, Robot
@@ -22,9 +21,9 @@ DRAWN_FIRST = (
     "delay", "late", "lateness", "quantum1", "quantum2", "offset1", "offset2",
 )  # fmt: skip
 """The numbers to which a draw gives its first random values; the others follow in the order of their fields."""
-PLACES = np.array([[*NAMES, *VALUES].index(name) for name in dict.fromkeys([*DRAWN_FIRST, *NAMES, *VALUES])])
-"""Where each random value of a draw belongs among the leaves of a plant in its loop. Another order, or a new number
-that is not the last field of a loop, would change the draws of all domains, and so the boards' scores."""
+ORDER = tuple(dict.fromkeys([*DRAWN_FIRST, *NAMES, *VALUES]))
+"""The place of each name among the random values of a draw. Another order, or a new number that is not the last
+field of a loop, would change the draws of all domains, and so the boards' scores."""
 
 
 def draw(domain: Domain, key: Key, robot: Robot) -> tuple[Plant, Disturbance]:
@@ -50,11 +49,12 @@ def draw_values(domain: Domain, key: Key, margin: float = 0.0) -> PlantInLoop:
 
     A number's random value depends on its name and the key alone, not on the domain's other numbers.
     """
-    low, high = (jnp.array(jax.tree.leaves(end))[PLACES] for end in (domain.low, domain.high))
+    low, high = (jnp.array([end.value(name) for name in ORDER]) for end in (domain.low, domain.high))
     beyond = margin * (high - low)
     drawn = jax.random.uniform(key, low.shape, low.dtype, low - beyond, jnp.maximum(high, low) + beyond)
-    values: PlantInLoop = jax.tree.unflatten(jax.tree.structure(domain.low), list(drawn[np.argsort(PLACES)]))
-    return values
+    values = dict(zip(ORDER, drawn, strict=True))
+    plant = domain.low.plant.changed(**{name: values[name] for name in NAMES})
+    return PlantInLoop(plant, dataclasses.replace(domain.low.loop, **{name: values[name] for name in VALUES}))
 
 
 def vary(plant: Plant, parameter: str, value: float, relative: bool = False, mass: str | None = None) -> Plant:
