@@ -12,7 +12,7 @@ import dataclasses
 
 import numpy as np
 
-from swingup.controllers.baselines.lqr import linearised
+from swingup.controllers.baselines.upright import linearised
 from swingup.dynamics.dynamics import UPRIGHT
 from swingup.plant.plant import Plant, Robot
 

@@ -24,7 +24,7 @@ from swingup.benchmark.robustness_board import RobustnessBoard, make_cases, upri
 from swingup.benchmark.rollout import Scenario, Trajectory, simulate
 from swingup.benchmark.runner import stack
 from swingup.controllers.baselines.continuation import SwingUps, continue_swingups
-from swingup.controllers.baselines.switch import LatchingSwitch
+from swingup.controllers.baselines.upright import LatchingSwitch
 from swingup.controllers.interface import split
 from swingup.plant.plant import ROBOTS, Plant
 

@@ -15,7 +15,7 @@ from scipy.linalg import expm
 import swingup
 from swingup import AREAPO
 from swingup.benchmark.boards import ROBUSTNESS
-from swingup.controllers.baselines.lqr import linearised
+from swingup.controllers.baselines.upright import linearised
 from swingup.dynamics.dynamics import UPRIGHT
 from swingup.plant.base_parameters import BASE, BASE_NAMES
 from swingup.plant.plant import LEADERBOARD, get_robot

@@ -9,12 +9,21 @@ from scipy.linalg import solve_continuous_are
 import swingup
 from benchmark.controllers import Memoryless
 from swingup.controllers.baselines.baselines import BASELINES, baseline, shipped_reference
-from swingup.controllers.baselines.lqr import disturbance_gain, linearised, riccati_recursion, upright_lqr
-from swingup.controllers.baselines.mpc import MPC
-from swingup.controllers.baselines.piecewise_cubic import fit_piecewise_cubic
-from swingup.controllers.baselines.published import PUBLISHED_SETTINGS
-from swingup.controllers.baselines.switch import AbstractExpensiveController, LatchingSwitch
-from swingup.controllers.baselines.tracking import RiccatiController, tvlqr
+from swingup.controllers.baselines.settings import PUBLISHED_SETTINGS
+from swingup.controllers.baselines.tracking import (
+    MPC,
+    RiccatiController,
+    fit_piecewise_cubic,
+    riccati_recursion,
+    tvlqr,
+)
+from swingup.controllers.baselines.upright import (
+    AbstractExpensiveController,
+    LatchingSwitch,
+    disturbance_gain,
+    linearised,
+    upright_lqr,
+)
 from swingup.controllers.swingups.reference import Reference
 from swingup.dynamics.dynamics import UPRIGHT
 from swingup.dynamics.integrate import rk4_step

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from swingup.controllers.swingups.ilqr import (
+    Cost,
     ILQRSettings,
     Status,
     feedback_gains,
@@ -16,9 +17,7 @@ from swingup.controllers.swingups.ilqr import (
     initial_state,
     solve,
 )
-from swingup.controllers.swingups.riccati_passes import Cost
-from swingup.controllers.swingups.scalar_algebra import dot, unpack
-from swingup.controllers.swingups.transition import AbstractTransition, PendulumTransition
+from swingup.controllers.swingups.transition import AbstractTransition, PendulumTransition, dot, unpack
 from swingup.dynamics.dynamics import UPRIGHT
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.plant import LEADERBOARD, ROBOTS

@@ -14,19 +14,22 @@ from swingup.benchmark.boards import ROBUSTNESS
 from swingup.benchmark.robustness_board import upright
 from swingup.benchmark.rollout import Scenario
 from swingup.benchmark.runner import run_one
-from swingup.controllers.baselines import baselines, continuation, dry_friction
-from swingup.controllers.baselines.baselines import baseline, design_of, shipped_reference
+from swingup.controllers.baselines import baselines, continuation
+from swingup.controllers.baselines import upright as top
+from swingup.controllers.baselines.baselines import (
+    baseline,
+    design_of,
+    in_real_units,
+    shipped_reference,
+)
 from swingup.controllers.baselines.continuation import (
     ContinuationSettings,
     accepted,
     continue_swingups,
     nominal_swingups,
 )
-from swingup.controllers.baselines.dry_friction import holding_lqr, linear_friction
-from swingup.controllers.baselines.lqr import upright_lqr
-from swingup.controllers.baselines.optimal import OPTIMAL_SETTINGS
-from swingup.controllers.baselines.own_units import in_real_units, optimal_for, published_for
-from swingup.controllers.baselines.published import PUBLISHED_SETTINGS
+from swingup.controllers.baselines.settings import OPTIMAL_SETTINGS, PUBLISHED_SETTINGS, optimal_for, published_for
+from swingup.controllers.baselines.upright import holding_lqr, linear_friction, upright_lqr
 from swingup.controllers.swingups import design
 from swingup.controllers.swingups.ilqr import Solution
 from swingup.controllers.swingups.reference import Reference
@@ -138,7 +141,7 @@ def test_friction_of_the_passive_joint_is_counted_on_and_where_that_fails_is_sai
         assert ("its regulator holds this plant from" in caplog.text) is (name == "acrobot")
         with jax.enable_x64(True):
             plain = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], upright_lqr(own.model, *arguments[:2]))
-            held = dry_friction._errors_held(plain, own.rubbing, arguments[2]) < dry_friction.FALLEN_ANGLE
+            held = top._errors_held(plain, own.rubbing, arguments[2]) < top.FALLEN_ANGLE
         assert not held.any()  # without it the pendulum falls from everywhere
 
 
@@ -151,7 +154,7 @@ def test_a_heavy_acrobot_with_much_friction_is_held(caplog):
     arguments = get_robot("acrobot"), own.published.lqr
     holding_lqr(own.rubbing, *arguments, 0.002 / own.scales.time)
     assert int(re.search(r"from (\d+) of 32", caplog.text)[1]) >= 16
-    assert dry_friction._best(own.rubbing, *arguments, dry_friction.COUNTINGS, 0.002 / own.scales.time)[1] == 0
+    assert top._best(own.rubbing, *arguments, top.COUNTINGS, 0.002 / own.scales.time)[1] == 0
 
 
 @pytest.mark.slow

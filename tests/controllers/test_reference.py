@@ -13,9 +13,7 @@ from array_files import change_file
 from refusals import refusal
 from swingup.benchmark.recording import load_trajectory
 from swingup.controllers.baselines.baselines import shipped_reference
-from swingup.controllers.baselines.optimal import OPTIMAL_SETTINGS
-from swingup.controllers.baselines.own_units import SEARCH
-from swingup.controllers.baselines.published import PUBLISHED_SETTINGS
+from swingup.controllers.baselines.settings import OPTIMAL_SETTINGS, PUBLISHED_SETTINGS, SEARCH
 from swingup.controllers.baselines.tracking import RiccatiController
 from swingup.controllers.swingups import design
 from swingup.controllers.swingups.design import _cheapest, compute_reference

@@ -11,7 +11,7 @@ import swingup
 from benchmark import controllers
 from policies import lone_policy
 from refusals import refusal
-from swingup.controllers.baselines.switch import LatchingSwitch
+from swingup.controllers.baselines.upright import LatchingSwitch
 from swingup.controllers.interface import split_time
 from swingup.controllers.registry import get_controller, has_estimator
 from swingup.controllers.stack.policy import PolicyController, save_controller

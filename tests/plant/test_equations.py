@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from benchmark.independent import derivative, rk4
-from swingup.controllers.swingups.scalar_algebra import unpack
-from swingup.controllers.swingups.transition import PendulumTransition
+from swingup.controllers.swingups.transition import PendulumTransition, unpack
 from swingup.dynamics import dynamics
 from swingup.plant import equations
 from swingup.plant.base_parameters import (

@@ -10,7 +10,7 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from benchmark.independent import derivative, gravity, rk4
-from swingup.controllers.baselines.lqr import linearised
+from swingup.controllers.baselines.upright import linearised
 from swingup.controllers.interface import AbstractController, check_interface
 from swingup.controllers.stack.estimator import with_estimator
 from swingup.controllers.stack.regulator import with_regulator

@@ -16,7 +16,7 @@ import numpy as np
 from ..common import cores
 from ..common.errors import SwingupError, errors_named_after, naming
 from ..common.types import Count, State
-from ..controllers.baselines.switch import AbstractExpensiveController
+from ..controllers.baselines.upright import AbstractExpensiveController
 from ..controllers.check import announce
 from ..controllers.interface import (
     AbstractController,

@@ -12,8 +12,7 @@ from ..benchmark.recording import driven_robot, load_trajectory, save_trajectory
 from ..common.checks import check_seeds, one_of, positive_number
 from ..common.errors import SwingupError, command_line
 from ..common.files import check_suffix, check_writable, write_atomically
-from ..controllers.baselines.baselines import BASELINES, DESIGN_SEED, design_of, shipped_reference
-from ..controllers.baselines.own_units import in_real_units
+from ..controllers.baselines.baselines import BASELINES, DESIGN_SEED, design_of, in_real_units, shipped_reference
 from ..controllers.swingups.reference import save_reference, save_reference_csv
 from ..export.c_header import c_header
 from ..export.folder import FORMS as FOLDERS

@@ -22,7 +22,7 @@ from ..controllers.baselines.continuation import (
     continue_swingups,
     nominal_swingups,
 )
-from ..controllers.baselines.dry_friction import passive_friction
+from ..controllers.baselines.upright import passive_friction
 from ..controllers.stack.estimator import JAX
 from ..controllers.stack.policy import PolicyController, plant_of
 from ..dynamics.dynamics import UPRIGHT, acceleration, upright_error

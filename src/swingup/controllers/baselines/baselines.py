@@ -2,29 +2,29 @@
 
 import functools
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from typing import Any
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 
 from ...common.checks import one_of
 from ...common.errors import SwingupError
+from ...common.types import State, Torque
 from ...dynamics.dynamics import UPRIGHT
 from ...loop.loop import LOOP_DT
+from ...plant.equations import COULOMB_STEEPNESS
 from ...plant.files import load_plant
 from ...plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
-from ...plant.units import Scales, scales_of, similar_plant
-from ..interface import AbstractController
+from ...plant.units import STATE, TIME, TORQUE, Scales, scaled, scales_of, similar_plant
+from ..interface import AbstractController, Time, TimeLike, joint_torques, never, since_first_call
 from ..swingups.design import compute_reference, design_model
 from ..swingups.reference import Reference, load_reference
-from .dry_friction import HAND_OVER, holding_lqr, passive_friction
-from .mpc import mpc
-from .optimal import OPTIMAL_SETTINGS, Optimal
-from .own_units import InOwnUnits, optimal_for, published_for
-from .published import PUBLISHED_SETTINGS, Published
-from .switch import LatchingSwitch
-from .tracking import riccati_controller, tvlqr
+from .settings import OPTIMAL_SETTINGS, PUBLISHED_SETTINGS, Optimal, Published, optimal_for, published_for
+from .tracking import mpc, riccati_controller, tvlqr
+from .upright import HAND_OVER, LatchingSwitch, holding_lqr, passive_friction
 
 BASELINES = ("lqr", "tvlqr", "ilqr-riccati", "ilqr-mpc", "tvlqr-score")
 """Names of the baselines: the LQR at the top, and controllers that follow a swing-up and end with that LQR.
@@ -74,7 +74,7 @@ def design_of(robot: Robot, plant: PlantLike) -> Design:
     published, optimal = PUBLISHED_SETTINGS[robot.name], OPTIMAL_SETTINGS[robot.name]
     model = design_model(plant, robot)
     scales = scales_of(model)
-    # The driven joint's friction is compensated around the controller (own_units.py), which then has none.
+    # The driven joint's friction is compensated around the controller (``InOwnUnits``), which then has none.
     rubbing = model.changed(**{f"cf{2 - robot.joint}": passive_friction(load_plant(plant).driven(robot), robot)})
     if model == design_model(LEADERBOARD, robot):
         return Design(robot, model, rubbing, scales, published, optimal, shipped=True)
@@ -94,7 +94,7 @@ def baseline(name: str, robot: Robot | str, plant: PlantLike = LEADERBOARD) -> A
         plant: what it is designed for: a plant, its name or its file. The leaderboards' has the published settings
             and the shipped swing-up. For another plant the settings are in its own units, and the swing-up is
             computed without Coulomb friction, once in a process. The driven joint's is compensated, the passive
-            joint's is counted on by the regulator at the top and by the TVLQR (``dry_friction.py``).
+            joint's is counted on by the regulator at the top and by the TVLQR (``upright.py``).
 
     Raises:
         SwingupError: there is no such baseline, robot or plant.
@@ -169,3 +169,40 @@ def reaches_upright(reference: Reference, parameters: Plant) -> bool:
     limit = parameters.limit(reference.robot.joint)
     # The units of a plant are right to rounding.
     return bool(error < LARGEST_FINAL_ERROR and np.abs(reference.torque).max() <= limit * (1 + 1e-9))
+
+
+def in_real_units(reference: Reference, scales: Scales) -> Reference:
+    """A swing-up of a similar pendulum as that of the plant itself."""
+    found = scaled(reference, scales)
+    # A step's length is a round number of real time.
+    return replace(found, dt=round(found.dt, 12))
+
+
+class InOwnUnits(AbstractController[tuple[Time, Any]]):
+    """A controller of the similar pendulum without friction of its driven joint, for the plant itself.
+
+    It sees the plant's state and time in C.1's units.
+    """
+
+    controller: AbstractController[Any]
+    limit: float
+    """The plant's motor's (N m)."""
+    coulomb: float
+    """The driven joint's Coulomb friction, which is added to the torque (N m)."""
+    scales: Scales
+    """The plant's units; not static, so that plants share a program."""
+    robot: Robot = eqx.field(static=True)
+
+    def init(self) -> tuple[Time, Any]:
+        """The time of the first call, and the controller's own memory."""
+        return never(), self.controller.init()
+
+    def __call__(self, carry: tuple[Time, Any], t: TimeLike, x: State) -> tuple[tuple[Time, Any], Torque]:
+        """The torques (N m)."""
+        begun, elapsed = since_first_call(t, carry[0])
+        similar = self.scales.similar
+        inner, u = self.controller(carry[1], similar(elapsed, TIME), similar(x, *STATE))
+        joint = self.robot.joint
+        torque = self.scales.scaled(u[joint], TORQUE) + self.coulomb * jnp.arctan(COULOMB_STEEPNESS * x[2 + joint])
+        # Neither the compensation nor the units' rounding may exceed the limit.
+        return (begun, inner), joint_torques(torque, self.robot, self.limit)

@@ -30,14 +30,12 @@ from ..swingups.ilqr import ILQRSettings, feedback_gains
 from ..swingups.reference import Reference
 from ..swingups.transition import PendulumTransition
 from .baselines import design_of, reaches_upright
-from .dry_friction import linear_friction
-from .lqr import LQR, LQRSettings, upright_lqr
-from .optimal import OPTIMAL_SETTINGS
-from .switch import LatchingSwitch
+from .settings import OPTIMAL_SETTINGS
 from .tracking import riccati_controller
+from .upright import LQR, LatchingSwitch, LQRSettings, linear_friction, upright_lqr
 
 TOP_WEIGHTS = LQRSettings(state_weights=(1.0, 1.0, 0.1, 0.1), torque_weight=1.0, max_cost_to_go=1000.0)
-"""The best of those that were tried, with ``dry_friction.linear_friction`` (``benchmarks/README.md``)."""
+"""The best of those that were tried, with ``upright.linear_friction`` (``benchmarks/README.md``)."""
 
 _SOLVER = ILQRSettings(
     # A step needs no more precision: the next one starts from its end.

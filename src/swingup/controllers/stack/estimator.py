@@ -17,7 +17,7 @@ from ...policy import estimator, identifier
 from ...policy.estimator import EstimatorSettings, EstimatorState, Loop, default_estimator
 from ...policy.identifier import Found, IdentifierSettings
 from ..interface import AbstractController, TimeLike, as_time, call_for_plant, check_robot, never
-from ..swingups.scalar_algebra import unpack
+from ..swingups.transition import unpack
 
 TreeT = TypeVar("TreeT")
 

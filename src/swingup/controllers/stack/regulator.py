@@ -16,7 +16,7 @@ from ...plant.units import BASE_UNITS, STATE, TORQUE, Scales, arm_scales
 from ...policy import regulator
 from ...policy.regulator import RICCATI_STEPS, Discrete, Loop, Q, R, RegulatorSettings, RegulatorState
 from ..interface import AbstractController, AbstractPlantController, call_for_plant
-from ..swingups.scalar_algebra import Matrix, Vector, dot, symmetric_times, unpack
+from ..swingups.transition import Matrix, Vector, dot, symmetric_times, unpack
 from .estimator import JAX
 
 TRIANGLE = np.triu_indices(5)

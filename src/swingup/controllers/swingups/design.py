@@ -21,11 +21,9 @@ from ...dynamics.dynamics import UPRIGHT
 from ...plant.equations import StateFloats
 from ...plant.files import load_plant
 from ...plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
-from .ilqr import ILQRSettings, Solution, Status, feedback_gains, solve
+from .ilqr import Cost, ILQRSettings, Solution, Status, feedback_gains, forward, solve
 from .reference import Reference
-from .riccati_passes import Cost, forward
-from .scalar_algebra import unpack
-from .transition import AbstractTransition, PendulumTransition, TorqueRateTransition
+from .transition import AbstractTransition, PendulumTransition, TorqueRateTransition, unpack
 
 SEARCHED_ERROR = 0.05
 """A search is over when a motion ends this close to upright, in both angles (rad)."""
