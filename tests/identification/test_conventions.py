@@ -231,6 +231,27 @@ def test_files_of_other_programs(tmp_path, table, name):
     assert_same(read_recording(path, columns=found), read_recording(right), steps=1e-9)
 
 
+MALFORMED = {
+    "u1=tau_con1:A*0.7.1": "u1 in 'A*0.7.1': the units are N m,",
+    "u1=tau_con1:N m*.": "u1 in 'N m*.': the units are N m,",
+    "u1=tau_con1:A*1e999": "u1 in 'A*1e999': use a number from 1e-15 to 1e+21 in place of 1e999",
+    "u1=tau_con1:A*0": "use a number from 1e-15",
+    "q1=pos_meas1:counts/0": "q1 in 'counts/0': the units are rad,",
+    "q1=pos_meas1*1e999": "q1 from 'pos_meas1*1e999': use a number from 0 to 1e+21",
+    "q1=pos_meas1+1e999": "use a number from 0",
+    "q1=pos_meas1*0.7.1": "has no column 'pos_meas1*0.7.1'",
+    "q1=pos_meas1+": "has no column 'pos_meas1+'",
+    "q1=#0": "has no column '#0'",
+    "q1=pos_meas1*1e20": "q1=pos_meas1*1e+20 reaches",
+}
+"""Words that map no column, and what is said of them."""
+
+
+@pytest.mark.parametrize("word", MALFORMED)
+def test_a_malformed_expression_is_named_at_its_place(tmp_path, table, word):
+    assert MALFORMED[word] in refusal(read_recording, write(tmp_path / "log.csv", table[:200]), [word])
+
+
 def test_what_is_missing_is_said(tmp_path, table):
     names = [*NAMES[:2], "vel1_deg_s", "vel2_deg_s", *NAMES[4:]]
     message = refusal(read_recording, write(tmp_path / "log.csv", table, ",".join(names)))

@@ -1,7 +1,8 @@
-"""Columns of a table in terms of a file's: signs, sums, a constant and a unit, as in q1=theta1+180:deg.
+"""Columns of a table in terms of a file's, as in q1=theta1+180:deg, and their units.
 
 A word maps one column, NAME=EXPRESSION[:UNIT]. The expression adds and subtracts titles of the file (or #3, its
-third column), as they are or times a number, and numbers or pi; all is in the unit, and in SI units without one.
+third column), as they are or times a number, and numbers or pi. The unit applies to the whole expression; without
+one it is SI's.
 """
 
 import contextlib
@@ -10,7 +11,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from .errors import SwingupError, quoted
+from .errors import SwingupError, naming, quoted
 
 DEGREE, TURN = math.pi / 180, 2 * math.pi
 UNITS: Mapping[str, Mapping[str, float]] = {
@@ -38,8 +39,11 @@ SPELLINGS = {
 }  # fmt: skip
 """Other spellings, without spaces, points, hyphens and capitals."""
 
-NUMBER = r"\d+(?:\.\d*)?(?:[eE]-?\d+)?"
+
+NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 """In an expression, as 1e-9."""
+LARGEST_FACTOR, SMALLEST_UNIT = 1e21, 1e-15
+"""Times since 1970 in nanoseconds have 19 digits, and no unit of a pendulum comes near either."""
 SHORT_NAMES = {
     f"{short}{joint}": f"{long}{joint}"
     for short, long in (("q", "pos_meas"), ("dq", "vel_meas"), ("u", "tau_con"))
@@ -50,7 +54,7 @@ SHORT = {long: short for short, long in SHORT_NAMES.items() if short != "t"}
 
 
 @dataclass(frozen=True)
-class Column:
+class MappedColumn:
     """One column in terms of a file's."""
 
     terms: tuple[tuple[float, str], ...]
@@ -66,35 +70,36 @@ class Column:
             "+-"[factor < 0] + title + f"*{abs(factor):.10g}" * (abs(factor) != 1) for factor, title in self.terms
         ).removeprefix("+")
         if self.constant:
-            text += _constant(self.constant)
+            size = abs(self.constant)
+            pi = next((word for word in ("pi", "pi/2") if abs(size - _value(word)) < 1e-9), "")
+            text += "+-"[self.constant < 0] + (pi or f"{size:.10g}")
         return f"{SHORT.get(name, name)}={text or '0'}{self.unit and ':' + self.unit.replace(' ', '')}"
 
-    def signed(self, sign: int) -> "Column":
+    def signed(self, sign: int) -> "MappedColumn":
         """This column, or its negative."""
-        return replace(
-            self, terms=tuple((sign * each, title) for each, title in self.terms), constant=sign * self.constant
-        )
+        terms = tuple((sign * factor, title) for factor, title in self.terms)
+        return replace(self, terms=terms, constant=sign * self.constant)
 
 
 def unit_size(name: str, unit: str) -> float:
     """The size of a unit of the column of this name, in SI units: deg, counts/4096, or A*0.7 with a factor."""
     accepted = next((units for start, units in UNITS.items() if name.startswith(start)), {})
-    base, factor = re.fullmatch(r"(.*?)(?:\*([\d.]+(?:[eE][-+]?\d+)?))?", unit.strip(), re.DOTALL).groups()  # type: ignore[union-attr]
-    plain = re.sub(r"[\s·.*^]|-(?=[^\W\d])", "", base).lower()
+    base, factor = re.fullmatch(rf"(.*?)(?:\*({NUMBER}))?", unit.strip(), re.DOTALL).groups()  # type: ignore[union-attr]
+    # Of N*m and N-m the letters tell the unit. A star that stays, as in A*0.7.1, makes it unknown.
+    plain = re.sub(r"[\s·.^]|[-*](?=[^\W\d])", "", base).lower()
     plain = SPELLINGS.get(plain, plain)
-    sizes = {re.sub(r"\s", "", each).lower(): size for each, size in accepted.items()}
+    sizes = {re.sub(r"\s", "", each).lower(): size for each, size in accepted.items()} | {"": 1.0}
     counts = re.fullmatch(r"(?:counts?|ticks?|inc)/(\d{1,9})(/s)?", plain)
     if counts and int(counts[1]) and name.startswith("vel" if counts[2] else "pos"):
         size = TURN / int(counts[1])
     elif plain in sizes and (factor or plain not in NEEDS_CONSTANT):
         size = sizes[plain]
-    elif not plain:
-        size = 1.0
     else:
         known = [each + "*CONSTANT" * (each.lower() in NEEDS_CONSTANT) for each in accepted]
         known += ["counts/4096"] if name.startswith("pos") else []
         raise SwingupError(f"{SHORT.get(name, name)} in {quoted(unit, 20)}: the units are {', '.join(known)}")
-    return size * float(factor or 1.0)
+    with naming(f"{SHORT.get(name, name)} in {quoted(unit, 20)}"):
+        return size * _value(factor or "1", SMALLEST_UNIT)
 
 
 def is_unit(text: str) -> bool:
@@ -117,62 +122,70 @@ def unit_of(quantity: str, size: float, within: float = 1e-9) -> str:
     return f"{next(iter(units))}*{size:.6g}"
 
 
-def parse_column(path: object, name: str, text: str, titles: Sequence[str]) -> Column:
-    """A column from the expression and unit of a word."""
-    if text in titles:
-        return Column(((1, text),))
-    expression, _, unit = text.rpartition(":") if ":" in text else (text, "", "")
-    if text.isdecimal() or expression.isdecimal():  # a place
-        expression = f"#{expression or text}" if 1 <= int((expression or text)[:9]) <= len(titles) else expression
-    known = "|".join(re.escape(title) for title in sorted(set(titles) - {""}, key=len, reverse=True))
-    token = re.compile(rf"\s*([-+]?)\s*(?:({known or '(?!)'}|#\d+)(?:\*({NUMBER}))?|(pi(?:/[1-9]\d*)?|{NUMBER}))")
-    terms, constant, place = list[tuple[float, str]](), 0.0, 0
-    while place < len(expression):
-        found = token.match(expression, place)
-        if found is None or (place and not found[1]):
-            raise _missing(path, text, titles)
-        sign = -1 if found[1] == "-" else 1
-        if found[2]:
-            if found[2] not in titles and not 1 <= int(found[2][1:10]) <= len(titles):
-                raise _missing(path, text, titles)
-            terms.append((sign * float(found[3] or 1), found[2]))
-        else:
-            pi, _, part = found[4].partition("/")
-            value = math.pi / float(part or 1) if pi == "pi" else float(found[4])
-            constant += sign * value
-        place = found.end()
-    # A torque may be zero throughout; nothing else is constant.
-    if not terms and not (name.startswith("tau") and expression == "0"):
-        raise _missing(path, text, titles)
-    unit_size(name, unit)  # refuses an unknown one
-    return Column(tuple(terms), constant, unit)
-
-
-def parse_columns(path: object, words: Sequence[str], titles: Sequence[str]) -> dict[str, Column]:
+def parse_columns(path: object, words: Sequence[str], titles: Sequence[str]) -> dict[str, MappedColumn]:
     """Columns by name, from words NAME=EXPRESSION[:UNIT], or from names in the columns' order, with _ for none."""
     found = {}
     for number, word in enumerate(words, start=1):
         name, equals, text = word.partition("=")
         name = SHORT_NAMES.get(name, name)
-        column = parse_column(path, name, text if equals else str(number), titles)
+        column = _parse_column(path, name, text if equals else str(number), titles)
         if name != "_":
             found[name] = column
     return found
 
 
-def _missing(path: object, text: str, titles: Sequence[str]) -> SwingupError:
-    return SwingupError(
-        f"{path} has no column {quoted(text[:40])}: its {len(titles)} columns are "
-        f"{', '.join(filter(None, titles)) or 'without names'}; write NAME=TITLE, NAME=TITLE:UNIT, NAME=3 for the "
-        "third, or names in the columns' order"
-    )
+def _parse_column(path: object, name: str, text: str, titles: Sequence[str]) -> MappedColumn:
+    """A column from the expression and unit of a word."""
+    if text in titles:  # whatever signs the title has
+        return MappedColumn(((1, text),))
+    expression, _, unit = text.rpartition(":") if ":" in text else (text, "", "")
+    if expression.isdecimal() and _is_place(expression, titles):
+        expression = f"#{expression}"
+    with naming(f"{SHORT.get(name, name)} from {quoted(expression, 40)}"):
+        parsed = _parse_sum(expression, titles)
+    # A torque may be zero throughout; nothing else is constant.
+    if parsed is None or not (parsed.terms or (name.startswith("tau") and expression == "0")):
+        raise SwingupError(
+            f"{path} has no column {quoted(text[:40])}: its {len(titles)} columns are "
+            f"{', '.join(filter(None, titles)) or 'without names'}; write NAME=TITLE, NAME=TITLE:UNIT, NAME=3 for "
+            "the third, or names in the columns' order"
+        )
+    unit_size(name, unit)  # refuses an unknown one
+    return replace(parsed, unit=unit)
 
 
-def _constant(value: float) -> str:
-    for part in (1, 2):
-        if abs(abs(value) - math.pi / part) < 1e-9:
-            return "+-"[value < 0] + ("pi" if part == 1 else f"pi/{part}")
-    return f"{value:+.10g}"
+def _parse_sum(expression: str, titles: Sequence[str]) -> MappedColumn | None:
+    """The terms and the constant of an expression; None if it is not a sum of titles and numbers."""
+    known = "|".join(re.escape(title) for title in sorted(set(titles) - {""}, key=len, reverse=True))
+    summand = re.compile(rf"\s*([-+]?)\s*(?:({known or '(?!)'}|#\d+)(?:\*({NUMBER}))?|(pi(?:/[1-9]\d*)?|{NUMBER}))")
+    terms, constant, place = list[tuple[float, str]](), 0.0, 0
+    while place < len(expression):
+        found = summand.match(expression, place)
+        if found is None or (place and not found[1]):
+            return None
+        sign, title, factor, number = found.groups()
+        if title and title not in titles and not _is_place(title[1:], titles):
+            return None
+        value = (-1 if sign == "-" else 1) * _value(number or factor or "1")
+        if title:
+            terms.append((value, title))
+        else:
+            constant += value
+        place = found.end()
+    return MappedColumn(tuple(terms), constant)
+
+
+def _is_place(text: str, titles: Sequence[str]) -> bool:
+    return 1 <= int(text[:9]) <= len(titles)
+
+
+def _value(text: str, least: float = 0.0) -> float:
+    """A number of an expression: digits, or a part of pi."""
+    pi, _, part = text.partition("/")
+    value = math.pi / float(part or 1) if pi == "pi" else float(text)
+    if not least <= value <= LARGEST_FACTOR:
+        raise SwingupError(f"use a number from {least:g} to {LARGEST_FACTOR:g} in place of {text[:40]}")
+    return value
 
 
 _KINDS = {
@@ -191,22 +204,15 @@ _JOINTS = {"1": r"shoulder|schulter|upper|first", "2": r"elbow|ell|lower|second"
 
 def suggest_columns(titles: Sequence[str], names: Sequence[str]) -> list[str]:
     """Words that map the columns of these names, as far as other people's titles tell them."""
-    likely: dict[str, Column] = {}
-
-    def kind_of(title: str) -> str:
-        # Of meas.q1 the last name tells where the whole does not.
-        words = title.lower(), title.lower().rpartition(".")[2]
-        return next((k for text in words for k, word in _KINDS.items() if re.search(word, text)), "")
-
-    kinds = {title: kind_of(title) for title in titles}
+    likely: dict[str, MappedColumn] = {}
+    kinds = {title: _kind_of(title) for title in titles}
     for kind in _KINDS:
-        mine = sorted(
-            (title for title in titles if kinds[title] == kind), key=lambda title: bool(_WANTED.search(title))
-        )
+        mine = [title for title in titles if kinds[title] == kind]
+        mine.sort(key=lambda title: bool(_WANTED.search(title)))
         # ROS counts seconds and the nanoseconds beyond them apart.
         whole, rest = (next((t for t in mine if re.search(end, t.lower())), "") for end in _STAMP)
         if kind == "time" and whole and rest:
-            likely["time"] = Column(((1, whole), (1e-9, rest)))
+            likely["time"] = MappedColumn(((1, whole), (1e-9, rest)))
         digits = {title: (re.findall(r"\d+", title) or [""])[-1] for title in mine}
         shift = 1 if "0" in digits.values() else 0
         for place, title in enumerate(mine, start=1):
@@ -214,18 +220,20 @@ def suggest_columns(titles: Sequence[str], names: Sequence[str]) -> list[str]:
             joint = joint or (str(int(digits[title][:6]) + shift) if digits[title] else str(place))
             short = kind if kind == "time" else kind + joint
             name = SHORT_NAMES.get(short, short)
-            likely.setdefault(name, Column(((1, title),), 0.0, _ending(name, title)))
+            likely.setdefault(name, MappedColumn(((1, title),), 0.0, _unit_at_end(name, title)))
     return [likely[name].word(name) for name in names if name in likely]
 
 
-def _ending(name: str, title: str) -> str:
+def _kind_of(title: str) -> str:
+    """The kind of quantity that a title names; of meas.q1 the last name tells it where the whole does not."""
+    words = title.lower(), title.lower().rpartition(".")[2]
+    return next((kind for text in words for kind, word in _KINDS.items() if re.search(word, text)), "")
+
+
+def _unit_at_end(name: str, title: str) -> str:
     """A unit at a title's end, as in theta1_deg."""
     words = re.split(r"[_ ]", title)
-    if len(words) == 1:
-        return ""
     for unit in (words[-1], "/".join(words[-2:]), words[-1].lower().removesuffix("s") + "/s"):
-        try:
-            return "" if unit_size(name, unit) == 1.0 else unit
-        except SwingupError:
-            continue
+        with contextlib.suppress(SwingupError):
+            return "" if len(words) == 1 or unit_size(name, unit) == 1.0 else unit
     return ""

@@ -1,11 +1,18 @@
-"""Tables of numbers from files, in SI units: columns found by name, or mapped by their user; one is the time."""
+"""Tables of numbers from files, in SI units: columns found by name, or mapped by their user; one is the time.
 
+A file is text, whose separator, decimal sign, comments, header and units are found out, or holds arrays
+(``array_files``).
+"""
+
+import codecs
+import csv
 import itertools
 import math
 import re
 import shlex
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -13,11 +20,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from .array_files import ARRAY_FILES, read_arrays
 from .checks import LARGEST_NUMBER
-from .columns import SHORT_NAMES, Column, parse_columns, suggest_columns, unit_size
+from .columns import SHORT_NAMES, MappedColumn, is_unit, parse_columns, suggest_columns, unit_size
 from .errors import SwingupError, quoted
-from .files import write_atomically
-from .table_cells import Cells, Row, is_number, read_cells
+from .files import read_bytes, write_atomically
 
 Names = tuple[str, ...]
 """Columns that belong together."""
@@ -26,10 +33,19 @@ MINIMUM_ROWS = 3
 """The swing-up time looks at the rows between the first and the last."""
 EPOCH = 1e6
 """A time beyond this (in its unit) counts from another day: the clock then starts at 0."""
-LEAST_TIMES = 20
+MINIMUM_STEPS = 20
 """Steps of a rounded time that show the rate of rows: after n of them it may be off by 1/n²."""
-LEAST_SHARE = 0.2
+REPEATED_SHARE = 0.2
 """Share of rows that repeat a time from which times are rounded; fewer are faults."""
+LARGEST_TABLE = 64_000_000
+"""Bytes of a file: a minute at 1 kHz with 17 columns has 25 MB."""
+SEPARATORS = (",", ";", "\t", " ", "|")
+COMMENTS = ("#", "%", "//")
+MISSING = ("", "na", "n/a", "null", "none", "-")
+SAMPLE_ROWS = 20
+"""Rows that show the separator."""
+BRACKET = re.compile(r"[\[(](?!\d+[\])])([^\])]*)")
+"""A unit in brackets at the end of a title; a number in them, as in q[0], belongs to the name."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +54,7 @@ class Table:
 
     values: dict[str, np.ndarray]
     """By name, in float64 and SI units; missing cells are NaN where they are allowed."""
-    sources: Mapping[str, Column]
+    sources: Mapping[str, MappedColumn]
     """What of the file each column is."""
     unread: Sequence[str]
     """Titles of columns that nobody reads."""
@@ -60,66 +76,107 @@ def read_table(
 ) -> Table:
     """Read columns in float64: the first complete choice of each group, the time first.
 
-    A file is text (CSV and its relatives: separators, decimal commas, quotes and comments are found out), or an
-    npz, npy or mat file with arrays. Units in a title, as in ``time[ms]``, are converted. Optional columns are read
-    if all are there. ``columns`` map names (``columns.parse_columns``). All are cut to the shortest; with ``gaps``
-    cells may be missing instead, columns without any are as if not there, and times may be in any order.
+    Units in a title, as in ``time[ms]``, are converted. Optional columns are read if all are there. ``columns`` map
+    names (``columns.parse_columns``). All are cut to the shortest; with ``gaps`` cells may be missing instead,
+    columns without any are as if not there, and times may be in any order.
     """
-    cells = read_cells(path)
-    if not any(cells.titles) and not (columns and cells.rows):
+    cells = _read_cells(path)
+    if not any(cells.names) and not (columns and cells.lines):
         names = list(itertools.chain(*(group[0] for group in groups)))
         raise SwingupError(
             f"{path} has no header: its first line must be {','.join(names)}, or name its columns in their order, "
             f"as in --columns {' '.join(names)}"
         )
-    header = [name if not gaps or _filled(cells, f"#{place}") else "" for place, name in enumerate(cells.names, 1)]
-    sources = _sources(path, header, groups, columns)
-    chosen = _choose(path, header, sources, groups, optional)
+    titles = [
+        name if not gaps or _filled(column) else "" for name, column in zip(cells.names, cells.columns, strict=True)
+    ]
+    sources = _find_sources(path, titles, groups, columns)
+    chosen = _choose(path, titles, sources, groups, optional)
     sources = {name: _with_unit(path, name, sources[name], cells) for name in chosen}
-    titles = dict.fromkeys(title for column in sources.values() for _, title in column.terms)
-    # A trailing comma is harmless. A decimal comma makes one cell too many.
-    for line, row in cells.rows:
-        if any(row[len(header) :]):
-            raise SwingupError(f"{path}, line {line} has more cells than columns: write decimals with a point")
+    used = {cells.place(title) for column in sources.values() for _, title in column.terms}
+    if cells.surplus:
+        # A trailing comma is harmless. A decimal comma makes one cell too many.
+        raise SwingupError(f"{path}, line {cells.surplus} has more cells than columns: write decimals with a point")
     # RealAIGym also cuts rows to the shortest column.
-    rows = cells.rows if gaps else cells.rows[: min((_filled(cells, title) for title in titles), default=0)]
-    if len(rows) < MINIMUM_ROWS:
-        raise SwingupError(f"{path} has {len(rows)} complete rows: at least {MINIMUM_ROWS} are needed")
+    count = len(cells.lines) if gaps else min((_filled(cells.columns[place]) for place in used), default=0)
+    if count < MINIMUM_ROWS:
+        raise SwingupError(f"{path} has {count} complete rows: at least {MINIMUM_ROWS} are needed")
+    cells = cells.rows(0 if gaps else _without_velocities(cells, sources), count)
+    values = {name: _values(path, name, column, cells, name == chosen[0], gaps) for name, column in sources.items()}
     if not gaps:
-        rows = rows[_without_velocities(cells, rows, sources) :]
-    clock, values = chosen[0], {}
-    for name, column in sources.items():
-        epoch = _epoch(cells, rows[:1], column) if name == clock else Decimal(0)
-        parts = [np.full(len(rows), column.constant)] if column.constant or not column.terms else []
-        for factor, title in column.terms:
-            label = name if len(column.terms) == 1 or name == clock else title
-            given = zip(rows, cells.column(title, rows), strict=True)
-            numbers = [_number(f"{path}, line {row[0]}", cells, cell, label, gaps, epoch) for row, cell in given]
-            parts.append(factor * np.array(numbers))
-        # Without a first zero, to which -0.0 would be added.
-        values[name] = sum(parts[1:], parts[0]) * unit_size(name, column.unit)
-    if not gaps:
-        values[clock] = _increasing(path, values[clock], [line for line, _ in rows])
-    places = {cells.place(title) for title in titles}
-    unread = [title for place, title in enumerate(header) if place not in places and title]
-    return Table(values, sources, unread)
+        values[chosen[0]] = _increasing(path, values[chosen[0]], cells.lines)
+    return Table(values, sources, [title for place, title in enumerate(titles) if place not in used and title])
 
 
-def _sources(
-    path: object, header: list[str], groups: Sequence[Sequence[Names]], columns: Sequence[str]
-) -> dict[str, Column]:
+@dataclass(frozen=True)
+class _Cells:
+    """A file's table before its columns are chosen."""
+
+    names: list[str]
+    """Of the columns, without units; empty where there is no header."""
+    units: list[str]
+    """As the titles have them in brackets, or empty."""
+    columns: list[list[Any]]
+    """Texts, or an array's numbers; empty texts where a row ends early."""
+    lines: Sequence[int]
+    """Number of each row's line in the file, from 1."""
+    surplus: int = 0
+    """The first line with more cells than there are columns; 0 if there is none."""
+
+    def place(self, title: str) -> int:
+        """The place of a column, by its name or as #3."""
+        return self.names.index(title) if title in self.names else int(title[1:]) - 1
+
+    def rows(self, first: int, end: int) -> "_Cells":
+        """Rows in a row."""
+        return replace(self, columns=[each[first:end] for each in self.columns], lines=self.lines[first:end])
+
+
+def _with_titles(titles: Sequence[str], columns: list[list[Any]], lines: Sequence[int], surplus: int = 0) -> _Cells:
+    """Cells below titles: "time[s]" and "pos1 (rad)" name the columns time and pos1.
+
+    What brackets alone tell apart, as in "Position (elbow)", belongs to the name.
+    """
+    names = [BRACKET.split(title, maxsplit=1)[0].rstrip() for title in titles]
+    units = [found[1] if (found := BRACKET.search(title)) else "" for title in titles]
+    counts = Counter(names)
+    for place, (title, name) in enumerate(zip(titles, names, strict=True)):
+        if counts[name] > 1 and not is_unit(units[place]):
+            names[place], units[place] = title, ""
+    return _Cells(names, units, columns, lines, surplus)
+
+
+def _number(cell: Any) -> float | None:
+    """A cell's number, which may be NaN or infinite; None if it has none."""
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+def _filled(column: Sequence[Any]) -> int:
+    """Length of a column without its trailing empty cells."""
+    return next((len(column) - k for k, cell in enumerate(reversed(column)) if cell != ""), 0)
+
+
+# The columns that are read.
+
+
+def _find_sources(
+    path: object, titles: list[str], groups: Sequence[Sequence[Names]], columns: Sequence[str]
+) -> dict[str, MappedColumn]:
     """Every column that the file has, by name: as its user maps it, or by its title."""
-    mapped = parse_columns(path, columns, header)
+    mapped = parse_columns(path, columns, titles)
     # A title that the user maps to another name has that one alone, unless it is used for its own as well.
     taken = {title for column in mapped.values() for _, title in column.terms if len(column.terms) == 1}
-    taken |= {header[int(title[1:]) - 1] for title in taken if re.fullmatch(r"#\d+", title)}
+    taken |= {titles[int(title[1:]) - 1] for title in taken if re.fullmatch(r"#\d+", title)}
     found = {}
-    for title in header:
+    for title in titles:
         if title and title not in taken:
             name = SHORT_NAMES.get(title, title)
             # Beside q0, q1 is the elbow: short names count in pairs.
-            ours = name not in header and (title == "t" or {title[:-1] + "1", title[:-1] + "2"} <= set(header))
-            found[name if ours else title] = Column(((1, title),))
+            ours = name not in titles and (title == "t" or {title[:-1] + "1", title[:-1] + "2"} <= set(titles))
+            found[name if ours else title] = MappedColumn(((1, title),))
     found |= mapped
     # What is mapped of a pair goes before other names of the pair, which complete it.
     for group in groups:
@@ -133,13 +190,38 @@ def _sources(
     return found
 
 
-def _with_unit(path: object, name: str, column: Column, cells: Cells) -> Column:
+def _choose(
+    path: object,
+    titles: list[str],
+    sources: Mapping[str, MappedColumn],
+    groups: Sequence[Sequence[Names]],
+    optional: Names,
+) -> list[str]:
+    """The names that are read; where no choice is complete, the error names the nearest one's columns."""
+    best = [min(group, key=lambda names: len(set(names) - set(sources))) for group in groups]
+    chosen = [name for names in best for name in names]
+    missing = [name for name in chosen if name not in sources]
+    if not missing:
+        return chosen + (list(optional) if set(optional) <= set(sources) else [])
+    complete = [name for names in best if set(names) <= set(sources) for name in names]
+    used = {title for name in complete for _, title in sources[name].terms}
+    free = [title for title in titles if title and title not in used]
+    wanted = [name for names in best if set(names) & set(missing) for name in names]
+    absent = [name for group, names in zip(groups, best, strict=True) if not names for name in group[0]]
+    # Where a column is not there at all, those of the others do not help.
+    found = len(suggest_columns(free, wanted)) == len(wanted)
+    words = shlex.join(suggest_columns(free, wanted + absent) if found else ())
+    remedy = f"write --columns {words}, if these are theirs" if words else "map columns with --columns NAME=TITLE"
+    have = quoted(", ".join(filter(None, titles)), 200)
+    raise SwingupError(f"{path} lacks {', '.join(missing)}: {remedy}; it has {have}")
+
+
+def _with_unit(path: object, name: str, column: MappedColumn, cells: _Cells) -> MappedColumn:
     """The column with the unit of its title, where its user gives none."""
-    titles = [title for _, title in column.terms]
-    for title in titles:
+    for _, title in column.terms:
         if (count := cells.names.count(title)) > 1:
             raise SwingupError(f"{path} has {count} columns {title}: keep one of them")
-    units = list(dict.fromkeys(map(cells.unit, titles)))
+    units = list(dict.fromkeys(cells.units[cells.place(title)] for _, title in column.terms))
     if column.unit or not any(units):
         return column
     try:
@@ -148,81 +230,76 @@ def _with_unit(path: object, name: str, column: Column, cells: Cells) -> Column:
         size = unit_size(name, units[0])
     except SwingupError as error:
         raise SwingupError(f"{path} has {error}; convert it, or map it with --columns") from error
-    return column if size == 1.0 else Column(column.terms, column.constant, units[0])
+    return column if size == 1.0 else replace(column, unit=units[0])
 
 
-def _choose(
-    path: object,
-    header: list[str],
-    sources: Mapping[str, Column],
-    groups: Sequence[Sequence[Names]],
-    optional: Names,
-) -> list[str]:
-    # Where no choice is complete, the error names the columns of the nearest one.
-    best = [min(group, key=lambda names: len(set(names) - set(sources))) for group in groups]
-    chosen = [name for names in best for name in names]
-    missing = [name for name in chosen if name not in sources]
-    if not missing:
-        return chosen + (list(optional) if set(optional) <= set(sources) else [])
-    used = {
-        title for names in best if set(names) <= set(sources) for name in names for _, title in sources[name].terms
-    }
-    titles = [title for title in header if title and title not in used]
-    absent = [name for group, names in zip(groups, best, strict=True) if not names for name in group[0]]
-    wanted = [name for names in best if set(names) & set(missing) for name in names]
-    # Where a column is not there at all, those of the others do not help.
-    found = len(suggest_columns(titles, wanted)) == len(wanted)
-    words = shlex.join(suggest_columns(titles, wanted + absent) if found else ())
-    remedy = f"write --columns {words}" if words else "map columns with --columns NAME=TITLE"
-    have = quoted(", ".join(filter(None, header)), 200)
-    raise SwingupError(
-        f"{path} lacks {', '.join(missing)}: {remedy}{', if these are theirs' if words else ''}; it has {have}"
-    )
+# Their numbers.
 
 
-def _filled(cells: Cells, title: str) -> int:
-    """Length of a column without its trailing empty cells."""
-    return max((k + 1 for k, cell in enumerate(cells.column(title, cells.rows)) if cell != ""), default=0)
+def _values(
+    path: object, name: str, column: MappedColumn, cells: _Cells, is_time: bool, gaps: bool
+) -> Float[np.ndarray, "rows"]:
+    """A column's numbers in SI units."""
+    epoch = _epoch(cells, column) if is_time else Decimal(0)
+    constant = np.full(len(cells.lines), column.constant)
+    parts = [constant] if column.constant or not column.terms else []
+    for factor, title in column.terms:
+        label, numbers = name if len(column.terms) == 1 or is_time else title, []
+        for line, cell in zip(cells.lines, cells.columns[cells.place(title)], strict=True):
+            try:
+                numbers.append(_checked(cell, label == "time", gaps, epoch))
+            except SwingupError as error:
+                raise SwingupError(f"{path}, line {line}, column {label}: {error}") from error
+        parts.append(factor * np.array(numbers))
+    # Without a first zero, to which -0.0 would be added.
+    values = sum(parts[1:], parts[0]) * unit_size(name, column.unit)
+    if not is_time and (largest := float(np.max(np.abs(np.nan_to_num(values)), initial=0.0))) > LARGEST_NUMBER:
+        raise SwingupError(
+            f"{path}: {column.word(name)} reaches {largest:.3g} in SI units, too large for a pendulum: correct its "
+            "factor or unit"
+        )
+    return values
 
 
-def _without_velocities(cells: Cells, rows: Sequence[Row], sources: Mapping[str, Column]) -> int:
-    """How many rows at the start have NaN for a velocity: a difference needs a row before."""
-    speeds = [title for name in sources if name.startswith("vel") for _, title in sources[name].terms]
-    columns = [cells.column(title, rows[:3]) for title in speeds]
-    missing = (any(str(cell).lower() == "nan" for cell in row) for row in zip(*columns, strict=True))
-    count = sum(1 for _ in itertools.takewhile(bool, missing))
-    return count if count <= 2 else 0
-
-
-def _epoch(cells: Cells, rows: Sequence[Row], column: Column) -> Decimal:
+def _epoch(cells: _Cells, column: MappedColumn) -> Decimal:
     """The first time, where it counts from another day."""
-    alone = len(column.terms) == 1 and not column.constant
-    cell = cells.plain(cells.column(column.terms[0][1], rows)[0]) if alone else ""
-    return Decimal(cell) if is_number(cell) and EPOCH < abs(float(cell)) < math.inf else Decimal(0)
+    if len(column.terms) != 1 or column.constant:
+        return Decimal(0)
+    cell = cells.columns[cells.place(column.terms[0][1])][0]
+    number = _number(cell)
+    return Decimal(cell) if number is not None and EPOCH < abs(number) < math.inf else Decimal(0)
 
 
-def _number(where: str, cells: Cells, cell: Any, label: str, gaps: bool, epoch: Decimal) -> float:
+def _checked(cell: Any, is_time: bool, gaps: bool, epoch: Decimal) -> float:
     """A cell's number; NaN where it is missing and may be."""
-    where, text = f"{where}, column {label}", cells.plain(cell)
-    if not is_number(text):
-        if gaps and cell.lower() in ("", "na", "n/a", "null", "none", "-"):
+    value = _number(cell)
+    if value is None:
+        if gaps and cell.lower() in MISSING:
             return math.nan
-        remedy = "write seconds" if label == "time" and ":" in cell else "correct it"
-        raise SwingupError(f"{where}: {quoted(cell[:40])} is not a number: {remedy}")
-    value = float(text)
+        remedy = "write seconds" if is_time and ":" in cell else "correct it"
+        raise SwingupError(f"{quoted(cell[:40])} is not a number: {remedy}")
     if not math.isfinite(value):
         if gaps:
             return math.nan
-        raise SwingupError(f"{where}: {str(cell)[:40]} is not finite: correct it or end the file before it")
+        raise SwingupError(f"{str(cell)[:40]} is not finite: correct it or end the file before it")
     if epoch:
         # An exact difference: a double has too few digits for a time since 1970.
-        value = float(Decimal(text) - epoch)
-    if abs(value) > LARGEST_NUMBER and not (label.startswith("time") and gaps):
-        raise SwingupError(f"{where}: {str(cell)[:40]} is too large for a pendulum in SI units: correct it")
+        value = float(Decimal(cell) - epoch)
+    if abs(value) > LARGEST_NUMBER and not (is_time and gaps):
+        raise SwingupError(f"{str(cell)[:40]} is too large for a pendulum in SI units: correct it")
     return value
 
 
-def _increasing(path: object, time: np.ndarray, lines: list[int]) -> np.ndarray:
+def _without_velocities(cells: _Cells, sources: Mapping[str, MappedColumn]) -> int:
+    """How many rows at the start have NaN for a velocity: a difference needs a row before."""
+    speeds = [title for name in sources if name.startswith("vel") for _, title in sources[name].terms]
+    columns = [cells.columns[cells.place(title)][:MINIMUM_ROWS] for title in speeds]
+    missing = [any(str(cell).lower() == "nan" for cell in row) for row in zip(*columns, strict=True)]
+    count = [*missing, False].index(False)
+    return count if count < MINIMUM_ROWS else 0
+
+
+def _increasing(path: object, time: np.ndarray, lines: Sequence[int]) -> np.ndarray:
     """Times that increase; rows that share a rounded time are spread where their rate is even."""
     stalled = np.flatnonzero(np.diff(time) <= 0)
     if not stalled.size:
@@ -240,10 +317,106 @@ def _increasing(path: object, time: np.ndarray, lines: list[int]) -> np.ndarray:
 def spread_evenly(time: Float[np.ndarray, "rows"]) -> Float[np.ndarray, "rows"] | None:
     """Even times for rows whose times were rounded so far that several share one; None if they are not that."""
     steps = np.diff(time)
-    if np.count_nonzero(steps) < LEAST_TIMES or np.any(steps < 0) or np.mean(steps == 0) < LEAST_SHARE:
+    if np.count_nonzero(steps) < MINIMUM_STEPS or np.any(steps < 0) or np.mean(steps == 0) < REPEATED_SHARE:
         return None
     rows, resolution = np.arange(len(time)), float(np.median(steps[steps > 0]))
     even = np.polyval(np.polyfit(rows, time, 1), rows)
     if np.abs(even - time).max() > 1.01 * resolution:
         return None
     return np.asarray(even - even[0] + time[0])
+
+
+# Cells of text.
+
+
+def _read_cells(path: str | Path) -> _Cells:
+    """Read a file's cells, by its suffix."""
+    content = read_bytes(path, LARGEST_TABLE)
+    if Path(path).suffix.lower() in ARRAY_FILES:
+        arrays = read_arrays(path, content)
+        count = max(map(len, arrays.values()))
+        # Integers stay integers: a float would lose digits of a time in nanoseconds.
+        columns = [column.tolist() + [""] * (count - len(column)) for column in arrays.values()]
+        return _with_titles(list(arrays), columns, range(1, count + 1))
+    wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    for encoding in ("utf-16",) if wide else ("utf-8-sig", "latin-1"):
+        try:
+            text = content.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        # JSON is text, and no table either.
+        if not re.match(r"\s*(\{|\[\s*[\[{])", text) and not re.search(r"[\x00-\x08\x0e-\x1f]", text):
+            return _text_cells(text)
+    raise SwingupError(f"{path} is not a table in text: export the log as CSV, npz or mat")
+
+
+def _text_cells(text: str) -> _Cells:
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
+    separator, decimal = _find_separator([line for _, line in lines if not line.lstrip().startswith(COMMENTS)])
+    split = [[cell.replace(decimal, ".") for cell in _split(line, separator)] for _, line in lines]
+    # Facts of the recording may stand above the table, whose rows are as wide as most in the second half.
+    usual = Counter(map(len, split[len(split) // 2 :])).most_common(1)
+
+    def is_row(cells: list[str]) -> bool:
+        numbers = sum(_number(cell) is not None for cell in cells)
+        return len(cells) >= usual[0][0] and any(cells) and 2 * numbers >= sum(map(bool, cells))
+
+    first = next((k for k, cells in enumerate(split) if is_row(cells)), len(split))
+    rows = [
+        (number, cells)
+        for (number, line), cells in zip(lines[first:], split[first:], strict=True)
+        if not line.lstrip(' "').startswith(COMMENTS)
+    ]
+    width = len(rows[0][1]) if rows else 0
+    titles = _find_titles([line for _, line in lines[:first]], separator, width) or [""] * width
+    columns = [[cells[place] if place < len(cells) else "" for _, cells in rows] for place in range(len(titles))]
+    surplus = next((number for number, cells in rows if any(cells[len(titles) :])), 0)
+    return _with_titles(titles, columns, [number for number, _ in rows], surplus)
+
+
+def _find_separator(lines: list[str]) -> tuple[str, str]:
+    """The separator and the decimal sign with which the most cells are numbers."""
+    sample = lines[len(lines) // 2 :][:SAMPLE_ROWS]
+
+    def numbers(pair: tuple[str, str]) -> int:
+        rows = [_split(line, pair[0]) for line in sample]
+        return sum(_number(cell.replace(pair[1], ".")) is not None for row in rows if len(row) > 1 for cell in row)
+
+    # A decimal comma may stand between commas where numbers are in quotes.
+    quotes = any('"' in line for line in sample)
+    pairs = [(each, decimal) for decimal in ".," for each in SEPARATORS if each != decimal or quotes]
+    return max(pairs, key=numbers)
+
+
+def _find_titles(lines: list[str], separator: str, width: int) -> list[str]:
+    """Titles of so many columns from the lines above the numbers; empty if there are none.
+
+    Comments may stand above the header, the header may be a comment itself, and units may stand below it.
+    """
+    found = []
+    for line in lines:
+        text = re.sub(r'^\s*("?)\s*(?:#|%|//)\s*', r"\1", line)
+        # The header's separator may be another one than the numbers'.
+        ways = [_split(text, each) for each in (separator, *SEPARATORS)]
+        found.append(next((cells for cells in ways if len(cells) == width), ways[0]))
+    head = [cells for cells in found if len(cells) > 1]
+    head = [cells for cells in head if len(cells) == width] or head[-1:]
+    if len(head) < 2:
+        return head[0] if head else []
+    units = [re.sub(r"[\[\]()]|^-$", "", title) for title in head[-1]]
+    # Some units, as volts, may be of columns that nobody reads.
+    if 2 * sum(is_unit(unit) for unit in units if unit) <= sum(map(bool, units)):
+        return head[-1]
+    return [f"{title} [{unit}]" if unit else title for title, unit in zip(head[-2], units, strict=True)]
+
+
+def _split(line: str, separator: str) -> list[str]:
+    if '"' in line:
+        line = line.strip()
+        try:
+            cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+        except csv.Error:  # a quote that does not end before a field's largest size
+            cells = line.split(separator)
+    else:
+        cells = line.split() if separator == " " else line.split(separator)
+    return [cell.strip() for cell in cells]

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..common.columns import DEGREE, NEEDS_CONSTANT, TURN, UNITS, Column, unit_of, unit_size
+from ..common.columns import DEGREE, NEEDS_CONSTANT, TURN, UNITS, MappedColumn, unit_of, unit_size
 from ..common.errors import SwingupError
 from .log_checks import slopes_of
 from .prediction import INDEX, Integration
@@ -281,8 +281,8 @@ def remedy(recording: Recording, reading: Reading) -> tuple[str, ...]:
 
 
 def _combined(
-    sources: Mapping[str, Column], names: Sequence[str], row: np.ndarray, constant: float = 0.0
-) -> Column:
+    sources: Mapping[str, MappedColumn], names: Sequence[str], row: np.ndarray, constant: float = 0.0
+) -> MappedColumn:
     """A row of a reading as a column: signs of the columns, one unit, and the constant in it."""
     scale, quantity = float(np.abs(row).max()), names[0][:3]
     parts = [sources[name].signed(int(np.sign(each))) for name, each in zip(names, row, strict=True) if each]
@@ -294,7 +294,7 @@ def _combined(
     # The title may have another unit, which an empty one would leave.
     unit = "" if unit == standard and not parts[0].unit else unit
     terms = tuple(itertools.chain(*(part.terms for part in parts)))
-    return Column(terms, sum(part.constant for part in parts) + constant / size, unit)
+    return MappedColumn(terms, sum(part.constant for part in parts) + constant / size, unit)
 
 
 def _check_speed(recording: Recording) -> Finding | None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..common.columns import Column, suggest_columns
+from ..common.columns import MappedColumn, suggest_columns
 from ..common.errors import SwingupError
 from ..common.table import Table, read_table
 from .log_checks import (
@@ -79,7 +79,7 @@ class Recording:
     """Whether ``u`` was asked for; otherwise it was measured, or the log has no torques."""
     warnings: tuple[str, ...] = ()
     """What a user should know of this log, one line each."""
-    sources: Mapping[str, Column] = field(default_factory=dict)
+    sources: Mapping[str, MappedColumn] = field(default_factory=dict)
     """What of the file each column is."""
     pairs: tuple[tuple[str, ...], ...] = ()
     """Names of the columns of both joints that were read."""
