@@ -19,12 +19,12 @@ from study import Study, cell, draw, ends, smooth, verdict
 from swingup.areapo.config import Config
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
+from swingup.learner.run import resume_run, start_run
 from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings
-from swingup.learner.start import resume_run, start_run
 from swingup.plant.plant import ROBOTS
-from swingup.tasks.observation import PendulumStage
 from swingup.tasks.pendulum import AbstractPendulumTask
 from swingup.tasks.presets import smooth_task
+from swingup.tasks.task import PendulumStage
 
 Change = Callable[[Config, AbstractPendulumTask], tuple[Config, AbstractPendulumTask]]
 

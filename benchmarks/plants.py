@@ -24,8 +24,8 @@ from swingup.controllers.registry import get_controller
 from swingup.dynamics.dynamics import UPRIGHT, linearise
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
+from swingup.learner.run import resume_run, start_run
 from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings
-from swingup.learner.start import resume_run, start_run
 from swingup.plant.files import load_plant
 from swingup.plant.plant import ROBOTS, Plant, get_robot, torque_over_gravity
 from swingup.plant.units import REFERENCE, scales_of

@@ -18,8 +18,8 @@ import jax.numpy as jnp
 
 from swingup.areapo.config import Config
 from swingup.learner.presets import get_preset
+from swingup.learner.run import start_run
 from swingup.learner.run_settings import RunSettings
-from swingup.learner.start import start_run
 
 
 def flops_per_frame(config: Config, observation_size: int) -> float:

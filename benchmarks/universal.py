@@ -24,9 +24,9 @@ from swingup.benchmark.judge import judge
 from swingup.common import __version__
 from swingup.common.errors import SwingupError
 from swingup.controllers.stack.policy import make_controller, policy_alone
+from swingup.learner.run import resume_run, start_run
 from swingup.learner.run_folder import BEST
 from swingup.learner.run_settings import make_run_settings
-from swingup.learner.start import resume_run, start_run
 from swingup.loop.domain import Domain
 from swingup.loop.on_plant import drawn_around, loop_around
 from swingup.plant.files import load_plant

@@ -9,9 +9,8 @@ import tempfile
 from pathlib import Path
 
 from swingup.areapo.config import Config
-from swingup.learner.run import Run
+from swingup.learner.run import Run, resume_run, start_run
 from swingup.learner.run_settings import RunSettings
-from swingup.learner.start import resume_run, start_run
 
 
 def main(folder: Path, frames: int) -> None:

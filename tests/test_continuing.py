@@ -98,7 +98,7 @@ def test_chosen_resets():
 
 
 def test_the_learner_counts_the_resets_and_the_command_shows_them(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("swingup.learner.host_evaluators.EPISODE_STEPS", 200)  # a step takes a millisecond
+    monkeypatch.setattr("swingup.learner.host_backend.EPISODE_STEPS", 200)  # a step takes a millisecond
     sizes = {"num_envs": 2, "num_steps": 100, "batch_size": 100, "num_epochs": 1}
     reports = []
     model = AREAPO("swingup/ContinuingHopper-v0", folder=tmp_path / "run", evaluate_every=400, **sizes)

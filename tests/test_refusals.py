@@ -37,8 +37,8 @@ from swingup.policy.shipped import load_policy
 from swingup.refine.recipe import RECIPES, run_recipe
 from swingup.report.film import animate
 from swingup.report.page import render_page
-from swingup.tasks.observation import PendulumStage
 from swingup.tasks.presets import get_task
+from swingup.tasks.task import PendulumStage
 
 STILL = Trajectory(np.arange(3.0), np.zeros((3, 4)), np.zeros((3, 2)))
 HOLE = Trajectory(np.arange(3.0), np.full((3, 4), math.nan), np.zeros((3, 2)))

@@ -21,10 +21,9 @@ from swingup.cli import main
 from swingup.cli.sweeping import _alternatives
 from swingup.common.errors import SwingupError
 from swingup.learner.metrics import read_metrics
-from swingup.learner.run import Run
+from swingup.learner.run import Run, start_run
 from swingup.learner.run_folder import RunFolder
 from swingup.learner.run_settings import make_run_settings, read_run_settings
-from swingup.learner.start import start_run
 from swingup.sweep import runs
 from swingup.sweep import search as search_module
 from swingup.sweep.runs import Job, parse_alternatives, plan_jobs, run_jobs, summarise, train_one, workers_for

@@ -12,10 +12,11 @@ from swingup.cli.commands import COMMANDS
 from swingup.controllers.registry import BUILT_IN
 
 TRIALS = {"preset=a:b": "'a'", "learning_rate=1e-2:1e-4": "'1e-2:1e-4'", "log_std_init=-1:3": "log_std_init = 3.0"}
-ABSURD = (
-    "acrobot --seeds 2147483648", "--env CartPole-v1 --value-layers 1000000x1000000",
-    "acrobot --num-envs 2000000000 --num-steps 2000000000 --batch-size 2000000000",
-)  # fmt: skip
+ABSURD = {
+    "acrobot --seeds 2147483648": "num_envs x num_steps x seeds",
+    "--env CartPole-v1 --value-layers 1000000x1000000": "value_layers = 1000000 x 1000000",
+    "acrobot --num-envs 2000000000 --num-steps 2000000000 --batch-size 2000000000": "num_envs x num_steps x seeds",
+}
 NONSENSE = [
     # Commands, options and their kinds.
     ("", "a command is missing: use one of demo, evaluate"),
@@ -56,7 +57,7 @@ NONSENSE = [
     ("train acrobot --learning-rate fast", "learning_rate = 'fast': use a number"),
     ("train acrobot --resume missing --out other", "--out other does not go with --resume"),
     ("train acrobot --out full", "full exists"),
-    *((f"train {words}", "GiB: reduce policy_layers, value_layers, num_envs") for words in ABSURD),
+    *((f"train {words}", named) for words, named in ABSURD.items()),
     ("demo --out .", ". exists: choose another --out"),
     ("sweep acrobot --seeds 2147483648", "2,147,483,648 runs"),
     ("sweep acrobot --no-pruning", "--trials"),

@@ -1,4 +1,4 @@
-"""Environments of gymnax, envelope and brax, as tasks and to the learner; and the pendulums in gymnax's form."""
+"""Environments of gymnax and envelope, as tasks and to the learner; and the pendulums in gymnax's form."""
 
 import dataclasses
 from collections import namedtuple
@@ -14,10 +14,7 @@ from refusals import refusal
 from swingup import AREAPO
 from swingup.gymnax import PendulumEnvironment
 from swingup.plant.plant import ROBOTS
-from swingup.tasks.adapters import as_task
-from swingup.tasks.brax_task import BraxTask
-from swingup.tasks.envelope_task import EnvelopeTask
-from swingup.tasks.gymnax_task import GymnaxTask
+from swingup.tasks.adapters import EnvelopeTask, GymnaxTask, as_task
 from swingup.tasks.presets import smooth_task
 
 from . import corridors
@@ -92,7 +89,6 @@ WALKS = [Ending(1.0, 2, True, moved_by(3.0, 1.0)), Ending(-0.5, 6, False, moved_
 STEPS = [Ending(1, 5, True, moved_by(2.5, 2.5)), Ending(0, 6, False, moved_by(0.0, 3.0))]
 # Three directions along the hall and two across, which do not matter.
 CROSSING = Discrete((3, 2))
-SILENT = [each._replace(terminated=True) for each in STEPS]
 TASKS = {
     "gymnax box": (GymnaxTask(Corridor()), WALKS),
     "gymnax wrapper": (GymnaxTask(Logged(Corridor())), WALKS),
@@ -100,10 +96,6 @@ TASKS = {
     "gymnax discrete": (GymnaxTask(Corridor(Discrete(3)), Params(door=2.25)), STEPS),
     "envelope box": (EnvelopeTask(Hall()), WALKS),
     "envelope choices": (EnvelopeTask(Hall(2.25, action_space=CROSSING)), [STEPS[0]._replace(action=(1, 1))]),
-    "brax": (BraxTask(Room()), STEPS),
-    "brax truncation": (BraxTask(Room("truncation")), STEPS),
-    # An end without a word terminates, and the actor sees its own part.
-    "brax parts": (BraxTask(Room(None, lambda seen: {"privileged_state": jnp.zeros(9), "state": seen})), SILENT),
 }
 
 
@@ -132,9 +124,7 @@ def test_what_is_taken_for_such_an_environment():
     assert isinstance(task, EnvelopeTask)
     assert (task.observation_size, task.action_size, task.choices) == (2, 1, ())
     assert EnvelopeTask(Hall(action_space=CROSSING)).choices == (3, 2)
-    room = Room()
-    assert isinstance(as_task(room), BraxTask)
-    assert (as_task(room).observation_size, as_task(room).timed) == (2, (room, room))
+    assert "Room has brax's methods: make it with jax-envelope" in refusal(AREAPO, Room())
     for other in (Corridor, Hall, "Pendulum-v1", (1, 2), None, jnp, task, as_task(env)):
         assert as_task(other) is other
 
@@ -192,12 +182,6 @@ REFUSED = {
         "has no truncated": changed(truncated=None),
         "pays 3 rewards": changed(reward=np.zeros(3)),
         "raised RuntimeError (no floor)": BrokenHall(),
-    },
-    BraxTask: {
-        "leave AutoResetWrapper out": Room(first_obs=0.0),
-        "['pixels'] have no entry 'state'": Room(observe=lambda seen: {"pixels": seen}),
-        "Room.reset(key) raised KeyError": Room(observe=lambda seen: {}["state"]),
-        "action_size of None0 = 0": type("None0", (Room,), {"action_size": 0})(),
     },
 }
 

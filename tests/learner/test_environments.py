@@ -13,7 +13,7 @@ from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
 
 from refusals import refusal
 from swingup.learner.environments import Environments, make_environments
-from swingup.tasks.space_actions import space_actions
+from swingup.tasks.task import space_actions
 
 from .environments import Noisy, Stairs, chains
 
@@ -240,6 +240,6 @@ def test_a_worker_that_hangs_is_not_waited_for(monkeypatch):
     env = Spawned([Stairs, Hanging], autoreset_mode=AutoresetMode.SAME_STEP)
     environments = make_environments(env, 2)
     environments.reset(0)
-    monkeypatch.setattr("swingup.learner.checked_environment.PATIENCE", 0.2)
+    monkeypatch.setattr("swingup.learner.environments.PATIENCE", 0.2)
     assert "a worker of AsyncVectorEnv did not answer" in refusal(environments.step, ZEROS)
     assert not any(process.is_alive() for process in env.processes)

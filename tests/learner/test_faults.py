@@ -23,8 +23,8 @@ from refusals import refusal
 from swingup import AREAPO
 from swingup.cli import main
 from swingup.common.errors import SwingupError
+from swingup.learner.run import resume_run, start_run
 from swingup.learner.run_folder import RunFolder
-from swingup.learner.start import resume_run, start_run
 
 from .test_run import FRAMES, SETTINGS, assert_same_files, briefly_judged, measured, run
 

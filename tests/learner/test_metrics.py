@@ -12,9 +12,16 @@ import pytest
 from policies import lone_policy, new_actor
 from refusals import refusal
 from swingup.controllers.stack.policy import Policy
-from swingup.learner.evaluators import SwingUpEvaluator
-from swingup.learner.metrics import MetricsWriter, read_metrics
-from swingup.learner.rates import RESETS, REWARD_RATE, describe_rates, step_time, training_resets
+from swingup.learner.compiled_backend import SwingUpEvaluator
+from swingup.learner.metrics import (
+    RESETS,
+    REWARD_RATE,
+    MetricsWriter,
+    describe_rates,
+    read_metrics,
+    step_time,
+    training_resets,
+)
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, ROBOTS
 from swingup.policy.pendulum import policy_plant, read_pendulum_policy

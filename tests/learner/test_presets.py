@@ -1,17 +1,13 @@
-"""Presets: what each promises, how a run chooses one, real trainings from scratch; and sizes beyond the memory."""
+"""Presets: what each promises, how a run chooses one, and real trainings from scratch."""
 
 import dataclasses
 
 import pytest
 
-from swingup.areapo.config import Config
-from swingup.learner import memory
-from swingup.learner.memory import check_memory, training_bytes
 from swingup.learner.presets import choose_preset, get_preset
+from swingup.learner.run import start_run
 from swingup.learner.run_settings import RunSettings
-from swingup.learner.start import start_run
 from swingup.plant.files import load_plant
-from swingup.tasks.task import Spaces
 
 
 def test_a_run_chooses_by_the_task():
@@ -43,11 +39,3 @@ def test_the_small_preset_learns_on_a_pendulum_of_another_size(tmp_path):
     times = [report.rows[0]["swingup_time"] for report in run.advance()]
     # Up by then, and to the end after 10 s: it does not just spin.
     assert any(time is not None and time < 8 for time in times)
-
-
-def test_usual_sizes_are_no_matter_and_without_a_known_memory_nothing_is_refused(monkeypatch):
-    for usual in (Config(), Config(num_envs=8, num_steps=256, batch_size=128)):
-        assert sum(training_bytes(usual, Spaces(6, 1))) < 200e6
-        check_memory(usual, Spaces(6, 1), seeds=5)
-    monkeypatch.setattr(memory, "available_bytes", lambda: None)
-    check_memory(Config(policy_layers=(10**6, 10**6)), Spaces(6, 1))

@@ -18,10 +18,9 @@ from swingup.controllers.stack.policy import save_controller
 from swingup.learner import compiled_backend
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
-from swingup.learner.run import Run
+from swingup.learner.run import Run, resume_run, start_run
 from swingup.learner.run_folder import RunFolder
 from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings, run_settings_from_dict, write_run_settings
-from swingup.learner.start import resume_run, start_run
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD
 

@@ -23,7 +23,7 @@ from swingup.policy.numpy_backend import numpy_controller
 from swingup.policy.pendulum import policy_plant
 from swingup.policy.regulator import RegulatorSettings
 from swingup.policy.shipped import ADAPTIVE, AR_EAPO, SHIPPED_POLICIES, load_policy
-from swingup.tasks.observation import NormaliseStage, PendulumStage, PlantStage
+from swingup.tasks.task import NormaliseStage, PendulumStage, PlantStage
 
 DT = 0.002
 TOLERANCE = 5e-5

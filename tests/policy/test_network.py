@@ -14,10 +14,10 @@ from swingup.controllers.stack.policy import Policy, policy_of, save_controller
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD
-from swingup.policy.network import Layer, Network, PendulumStage, PlantStage, fold, largest_feature
+from swingup.policy.network import Layer, Network, PlantStage, fold, largest_feature
 from swingup.policy.numpy_backend import NumpyNetwork, numpy_controller
 from swingup.policy.pendulum import policy_plant, read_pendulum_policy
-from swingup.tasks import observation
+from swingup.tasks.task import PendulumStage
 
 from .references import in_double, random_layer, random_states, sighted_policy, small_policy
 
@@ -37,7 +37,7 @@ PI = np.pi
     ],
 )
 def test_observation_by_hand(angles, x, expected):
-    observed = observation.PendulumStage(angles=angles)(jnp.array(x, jnp.float32))
+    observed = PendulumStage(angles=angles)(jnp.array(x, jnp.float32))
     np.testing.assert_allclose(observed, expected, atol=2e-6)
 
 
@@ -47,7 +47,7 @@ def test_every_entry_lies_in_the_unit_interval_and_has_the_dtype_of_the_state(x6
     # Among them angles so close below a whole turn that their remainder rounds to 2π.
     edges = [0, -1e-30, -1e-9, 2 * PI, -2 * PI, 1e6]
     seen = np.concatenate([edges, np.random.default_rng(0).uniform(-50, 50, 1000)])
-    observe = observation.PendulumStage(angles=angles)
+    observe = PendulumStage(angles=angles)
     x = jnp.array(np.stack([seen, seen, 10 * seen, -10 * seen], axis=1), dtype)
     observed = jax.vmap(observe)(x)
     assert (observed.shape, observed.dtype) == ((len(seen), observe.size()), dtype)

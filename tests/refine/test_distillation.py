@@ -32,7 +32,7 @@ from swingup.refine.plant_draws import PlantDraws, draw_plants, plants_of
 from swingup.refine.recipe import RECOVER_ON_MANY, wrapped_policy
 from swingup.refine.recoveries import PASSING, Recoveries, make_recoveries, make_regulators, recovery_cost
 from swingup.refine.teacher import APART, TOP_COST, School, make_school, make_teachers, matched_torque, top_cost
-from swingup.tasks.observation import PendulumStage
+from swingup.tasks.task import PendulumStage
 
 ACROBOT, PENDUBOT = get_robot("acrobot"), get_robot("pendubot")
 FEW = DistillationSettings(

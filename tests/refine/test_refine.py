@@ -26,7 +26,7 @@ from swingup.refine.analytic_policy_gradient import (
 )
 from swingup.refine.objective import EpisodeWeights, Measures, bound_adjoint, measure_episode
 from swingup.refine.recipe import GradientStage, run_recipe
-from swingup.tasks.observation import PendulumStage
+from swingup.tasks.task import PendulumStage
 
 ACROBOT = get_robot("acrobot")
 FEW = EpisodeSettings(nominal=4, anywhere=4, thrown=0)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..common.types import Scalar
-from ..tasks.observation import NormaliseStage
+from ..tasks.task import NormaliseStage
 
 LEAST_DEVIATION = 1e-5
 """Rewards that vary by less than this share of their mean count as constant: single precision leaves constant ones

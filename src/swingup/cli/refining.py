@@ -18,9 +18,8 @@ from ..common.files import write_atomically, write_map
 from ..controllers.registry import get_controller
 from ..controllers.stack.policy import policy_alone
 from ..learner.presets import get_preset
-from ..learner.run import Run
+from ..learner.run import Run, resume_run
 from ..learner.run_folder import BEST
-from ..learner.start import resume_run
 from ..loop.domain import Domain, load_domain
 from ..loop.on_plant import drawn_around, loop_around, plant_as_domain
 from ..plant.plant import LEADERBOARD, Plant, Robot

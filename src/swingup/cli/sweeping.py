@@ -11,7 +11,7 @@ from tyro.conf import UseAppendAction, arg
 from ..common.arrays import finite, write_json
 from ..common.checks import is_number, whole_number
 from ..common.errors import SwingupError, quoted
-from ..learner.rates import RESETS, REWARD_RATE, shown_rate
+from ..learner.metrics import RESETS, REWARD_RATE, shown_rate
 from ..learner.run_folder import RunFolder
 from ..learner.run_settings import make_run_settings
 from ..sweep.runs import Job, Row, describe, parse_alternatives, plan_jobs, run_jobs, summarise, workers_for

@@ -18,14 +18,12 @@ from ..benchmark.judge import judge
 from ..common.errors import SwingupError
 from ..controllers.registry import get_controller
 from ..learner.compiled_backend import share_cores
-from ..learner.metrics import METRICS_FILE, read_metrics
+from ..learner.metrics import METRICS_FILE, REWARD_RATE, describe_rates, read_metrics, shown_rate, training_resets
 from ..learner.presets import PENDULUM_PRESET, PRESETS, get_preset
 from ..learner.progress import TrainingReport
-from ..learner.rates import REWARD_RATE, describe_rates, shown_rate, training_resets
-from ..learner.run import Run
+from ..learner.run import Run, resume_run, start_run
 from ..learner.run_folder import BEST, LAST, result_on_disk
 from ..learner.run_settings import is_continuing, make_run_settings, read_run_settings
-from ..learner.start import resume_run, start_run
 from .arguments import NO_OPTIONS, PlantOptions, RobotName, optional, plant_of, task_name, value_of
 from .output import Progress, program_typed, tell, tell_table
 from .results import judged_name, plant_note, result_lines

@@ -17,13 +17,11 @@ from ..controllers.stack.policy import Policy, act
 from ..plant.plant import LEADERBOARD, PlantLike
 from ..tasks.adapters import as_task
 from ..tasks.task import AbstractTask
-from .backend import batched
-from .evaluators import EPISODES
+from .backend import EPISODES, batched
 from .presets import get_preset
 from .progress import TrainingReport
-from .run import Run
+from .run import Run, restore_run, resume_run, start_run
 from .run_settings import RunSettings, make_run_settings
-from .start import restore_run, resume_run, start_run
 
 Callback = Callable[["AREAPO", TrainingReport], Any]
 """Called after each chunk; returning False ends ``learn``."""
@@ -224,7 +222,7 @@ class AREAPO:
             usual = None if self.settings.robot else EPISODES
             return run.backend.evaluator.evaluate(policy, episodes or usual)
         # Imported here: Gymnasium is slow to load.
-        from .host_evaluators import play_once
+        from .host_backend import play_once
 
         return play_once(policy, env, episodes, self.settings.seed, run.backend.evaluator.described_actions)
 

@@ -1,8 +1,9 @@
-"""The interface of a back end, which steps the environments of a run's seeds and evaluates its policies."""
+"""The interfaces of a back end, which steps the environments of a run's seeds, and of its policies' evaluator."""
 
 import abc
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, TypeVar
 
 import jax
@@ -12,10 +13,45 @@ from jaxtyping import Float, Shaped
 
 from ..areapo.state import LearnerState
 from ..common.errors import SwingupError
-from ..controllers.stack.policy import Policy
-from .evaluators import AbstractEvaluator
+from ..controllers.stack.policy import Policy, save_policy
+from ..tasks.task import SpaceActions, Stage
+from .metrics import rates
 
 TreeT = TypeVar("TreeT")
+
+EPISODES = 10
+"""Episodes of an evaluation that is asked for without a number."""
+EPISODE_STEPS = 2000
+"""Longest episode of an evaluation (steps), so that an endless task is scored, too.
+
+No task of Gymnasium that these networks can see has a higher limit: BipedalWalkerHardcore-v3 has this one.
+"""
+
+
+class AbstractEvaluator(abc.ABC):
+    """Scores the policies of a task and writes their files."""
+
+    measure: str = "episodes"
+    """Name under which policy files keep their scores."""
+    stages: tuple[Stage, ...] = ()
+    """Observation stages before the normalisation."""
+    observation_shape: tuple[int, ...]
+    """Shape of the input of the first stage, or without stages of the normalisation."""
+    actions: SpaceActions | None = None
+    """What makes the environment's actions; None where they are the policy's own."""
+
+    @property
+    def described_actions(self) -> dict[str, Any]:
+        """The environment's actions as a policy file describes them; empty where they are the policy's own."""
+        return {} if self.actions is None else self.actions.describe()
+
+    @abc.abstractmethod
+    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
+        """Evaluate the deterministic policy; among the results is ``score``, the higher the better."""
+
+    def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
+        """Write a policy file, with what the environment's actions are."""
+        save_policy(path, policy, {**self.described_actions, **provenance})
 
 
 class AbstractBackend(abc.ABC):
@@ -115,3 +151,25 @@ def batched(observation: Any, shape: tuple[int, ...]) -> tuple[Float[np.ndarray,
         )
     single = values.shape == shape
     return values.reshape(1 if single else len(values), math.prod(shape)), single
+
+
+def check_actions(trained: Mapping[str, Any], found: Mapping[str, Any]) -> None:
+    """Refuse an environment whose bounds would scale a policy's actions in another way than in training."""
+    if trained != found:
+        mine, its = (", ".join(f"{name} = {value}" for name, value in each.items()) for each in (trained, found))
+        raise SwingupError(
+            f"the policy was trained with {mine or 'actions of its own'}, the environment has {its or 'others'}: "
+            "pass one with the same bounds, such as gymnasium.wrappers.RescaleAction gives"
+        )
+
+
+def summarise_episodes(
+    returns: list[float], lengths: list[int], terminations: int, step_time: float | None = None
+) -> dict[str, Any]:
+    """Mean return, which is the score, and mean length of episodes; reward rate and resets of all their steps.
+
+    Terminations are those of the task itself, not of a limit. A task without time has no seconds of a step.
+    """
+    steps = float(np.sum(lengths))
+    means = {"score": float(np.mean(returns)), "mean_length": float(np.mean(lengths))}
+    return means | rates(float(np.sum(returns) / steps), terminations / steps, step_time)

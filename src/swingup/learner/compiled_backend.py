@@ -1,10 +1,15 @@
-"""The back end of tasks in JAX: environments are compiled with the learner, seeds train side by side."""
+"""The back end of tasks in JAX: environments are compiled with the learner, seeds train side by side.
+
+The pendulum's policies are scored by the benchmark, others by their mean return.
+"""
 
 import contextlib
+import dataclasses
 import functools
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -15,12 +20,19 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from ..areapo import algorithm
 from ..areapo.config import Config
 from ..areapo.state import LearnerState, Metrics, Purpose, root_key
+from ..benchmark.judge import judge
 from ..common import cores
-from ..controllers.stack.policy import Policy
+from ..common.errors import SwingupError
+from ..common.types import Flag, Key
+from ..controllers.stack.policy import Policy, PolicyController, save_controller
+from ..plant.plant import LEADERBOARD, Plant
+from ..policy.pendulum import policy_plant
+from ..tasks.acrobot_swingup import AcrobotPractice
+from ..tasks.adapters import AbstractAdaptedTask
+from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.task import AbstractTask
-from .backend import AbstractBackend, split_seeds
-from .evaluators import AbstractEvaluator
-from .memory import check_memory
+from .backend import EPISODE_STEPS, AbstractBackend, AbstractEvaluator, split_seeds, summarise_episodes
+from .metrics import step_time
 
 # Compiled once for all runs of a program. A single seed runs without vmap, which is slower on a CPU.
 # The state is not donated: an interrupted run can continue from the state before the chunk.
@@ -45,7 +57,6 @@ class CompiledBackend(AbstractBackend):
         self, task: AbstractTask[Any], config: Config, seeds: Sequence[int], evaluator: AbstractEvaluator
     ) -> None:
         """Take a task, the seeds to train on it, and the evaluator of their policies."""
-        check_memory(config, task.spaces, len(seeds))
         self._task, self._config, self._seeds, self.evaluator = task, config, seeds, evaluator
         self._advance = _train if len(seeds) == 1 else _train_shared(sharing_mesh(len(seeds)))
 
@@ -152,3 +163,74 @@ def _train_shared(mesh: Mesh) -> Any:
     return jax.jit(
         jax.shard_map(train_own, mesh=mesh, in_specs=(own, common, common, common), out_specs=own, check_vma=False)
     )
+
+
+class SwingUpEvaluator(AbstractEvaluator):
+    """Evaluates by the criteria and the score of one swing-up on the task's plant."""
+
+    measure = "v2"
+    observation_shape = (4,)
+
+    def __init__(self, task: AbstractPendulumTask, plant: Plant = LEADERBOARD) -> None:
+        """The evaluator of a variant of the pendulum's task, on its plant, with the name that the plant has."""
+        self.stages, self._robot = (task.observation,), task.robot
+        # A task that was passed in may have a plant of its own.
+        own = task.parameters != plant.driven(task.robot)
+        self._plant = dataclasses.replace(task.parameters, name="the task's" if own else plant.name)
+
+    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
+        """The criteria of the one deterministic episode."""
+        if episodes not in (None, 1):
+            raise SwingupError(f"episodes = {episodes}, but a robot is scored by one episode: leave it out")
+        return dataclasses.asdict(judge(self._controller(policy), self._robot, plant=self._plant).criteria)
+
+    def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
+        """Write a controller's policy file."""
+        save_controller(path, self._controller(policy), provenance)
+
+    def _controller(self, policy: Policy[Any]) -> PolicyController:
+        facts = policy_plant(self._plant, self._robot)
+        return PolicyController(policy, facts.limit(self._robot.joint), self._robot, plant=facts)
+
+
+class ReturnEvaluator(AbstractEvaluator):
+    """Evaluates by the mean return of episodes of any task in JAX; they are the same each time."""
+
+    def __init__(self, task: AbstractTask[Any], seed: int, episodes: int) -> None:
+        """The evaluator of a task, with a default number of episodes."""
+        adapted = task if isinstance(task, AbstractAdaptedTask) else None
+        self.observation_shape = adapted.observation_shape if adapted else (task.observation_size,)
+        self.actions = task.actions if isinstance(task, AbstractAdaptedTask | AcrobotPractice) else None
+        self._task, self._seed, self._episodes = task, seed, episodes
+        self._step_time = step_time(*(adapted.timed if adapted else (task,)))
+
+    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
+        """Means over the episodes."""
+        # The same episodes each time, so that scores differ by the policy alone.
+        keys = jax.random.split(root_key(self._seed, Purpose.EVALUATION), episodes or self._episodes)
+        total, length, resets = jax.device_get(_episodes(policy, self._task, keys))
+        return summarise_episodes(total.tolist(), length.tolist(), int(resets.sum()), self._step_time)
+
+
+@jax.jit
+def _episodes(policy: Policy[Any], task: AbstractTask[Any], keys: Key) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Returns, lengths and terminations of the deterministic policy's episodes, one a key."""
+    reset_keys, step_keys = jax.vmap(jax.random.split, out_axes=1)(keys)
+    none = jnp.zeros(len(keys), jnp.int32)
+
+    def goes_on(carry: tuple[Any, ...]) -> Flag:
+        time, _, running, *_ = carry
+        return (time < EPISODE_STEPS) & jnp.any(running)
+
+    def advance(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        time, state, running, total, length, resets = carry
+        action = jax.vmap(policy)(jax.vmap(task.observe)(state))
+        step = jax.vmap(task.step)(state, action, jax.vmap(jax.random.fold_in, (0, None))(step_keys, time))
+        # An episode that ended is still stepped until the last one ends, but no longer counted.
+        total = jnp.where(running, total + step.reward, total)
+        after = (total, length + running, resets + (running & step.terminated))
+        return time + 1, step.state, running & ~(step.terminated | step.truncated), *after
+
+    start = (jax.vmap(task.reset)(reset_keys), none == 0, none * 0.0, none, none)
+    _, _, _, total, length, resets = jax.lax.while_loop(goes_on, advance, (jnp.array(0), *start))
+    return total, length, resets

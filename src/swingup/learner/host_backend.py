@@ -1,7 +1,12 @@
-"""The back end of Gymnasium: the host steps the environments, with one compiled call a step of all of them."""
+"""The back end of Gymnasium: the host steps the environments, with one compiled call a step of all of them.
 
-from collections.abc import Callable, Sequence
+Its evaluator plays episodes in environments of its own; their mean return is the score.
+"""
+
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -12,18 +17,62 @@ from jaxtyping import Array, Float
 from ..areapo import algorithm
 from ..areapo.config import Config
 from ..areapo.initial import begin_episodes, init_learner
-from ..areapo.networks import ActionSample, AnyActor, sample_actions
+from ..areapo.networks import ActionSample, AnyActor, CategoricalActor, sample_actions
 from ..areapo.state import COLLECT, LearnerState, Metrics, Purpose, Rollout, root_key
 from ..areapo.statistics import RunningStatistics
 from ..common.errors import SwingupError
 from ..common.types import Key, fetch
-from ..controllers.stack.policy import Policy
-from ..tasks.task import Spaces
-from .backend import AbstractBackend, join_seeds, split_seeds
+from ..controllers.stack.policy import Policy, act, save_policy
+from ..tasks.adapters import as_task
+from ..tasks.task import AbstractTask, Spaces
+from .backend import (
+    EPISODE_STEPS,
+    EPISODES,
+    AbstractBackend,
+    AbstractEvaluator,
+    check_actions,
+    join_seeds,
+    split_seeds,
+    summarise_episodes,
+)
+from .compiled_backend import ReturnEvaluator
 from .environments import Environments, make_environments, own_number
-from .host_evaluators import EpisodeEvaluator
-from .memory import check_memory
-from .rates import RESETS, REWARD_RATE, rates
+from .metrics import RESETS, REWARD_RATE, rates
+
+
+class EpisodeEvaluator(AbstractEvaluator):
+    """The mean return of episodes in environments of its own, the same episodes each time."""
+
+    def __init__(self, env: Any, name: str, environments: Environments, seed: int, episodes: int) -> None:
+        """Prepare for environments like those of training, which are made when they are first needed."""
+        self.observation_shape = environments.observation_space.shape or ()
+        self._env, self._name, self._seed, self._episodes = env, name, seed, episodes
+        self.actions = environments.actions
+        self._made: dict[int, Environments] = {}
+
+    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
+        """Means over the episodes."""
+        count = self._episodes if episodes is None else episodes
+        if own_number(self._env) is not None:
+            raise SwingupError("the environment that was passed in trains: pass evaluate another as env")
+        if count not in self._made:
+            self._made[count] = make_environments(self._env, count)
+        return play(policy, self._made[count], self._seed)
+
+    def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
+        """Write a policy file that names the environment and the bounds of its actions."""
+        save_policy(path, policy, {"env": self._name, **self.described_actions, **provenance})
+
+    def compile(self, policy: Policy[Any]) -> None:
+        """Compile the policy for the default number of episodes."""
+        observations = np.zeros((self._episodes, int(np.prod(self.observation_shape))), np.float32)
+        act(policy, observations)
+
+    def close(self) -> None:
+        """Close the environments that were made here."""
+        for environments in self._made.values():
+            environments.close()
+        self._made = {}
 
 
 class HostBackend(AbstractBackend):
@@ -42,10 +91,8 @@ class HostBackend(AbstractBackend):
                 f"seeds = {len(seeds)}, but an environment that was passed in serves one: pass the function that "
                 "makes it"
             )
-        check_memory(config, Spaces(1, 1), len(seeds))  # before so many environments are made
         self._environments = [make_environments(env, config.num_envs) for _ in seeds]
         first = self._environments[0]
-        check_memory(config, first.spaces, len(seeds))
         self._config, self._seeds = config, seeds
         self.evaluator = EpisodeEvaluator(env, name, first, seeds[0], episodes)
         # It cannot be made again, and resetting it would disturb training.
@@ -188,3 +235,68 @@ _begin = jax.jit(begin_episodes)
 _init = jax.jit(init_learner, static_argnames="spaces")
 _sample = jax.jit(sample_actions)
 _update = jax.jit(algorithm.update)
+
+
+def play_once(
+    policy: Policy[Any], env: Any, episodes: int | None, seed: int, trained: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Evaluate episodes in a given environment, or in new ones made for them.
+
+    Without a number of episodes it is one in each environment that was passed in, or else ``EPISODES``. ``trained``
+    describes the actions of training.
+    """
+    task = as_task(env)
+    if isinstance(task, AbstractTask):
+        _check_spaces(policy, task.spaces)
+        by_return = ReturnEvaluator(task, seed, episodes or EPISODES)
+        check_actions(trained, by_return.described_actions)
+        return by_return.evaluate(policy)
+    own = own_number(env)
+    if episodes is not None and own not in (None, episodes):
+        raise SwingupError(
+            f"episodes = {episodes}, but the environment that was passed in plays {own}: leave episodes out"
+        )
+    with contextlib.closing(make_environments(env, own or episodes or EPISODES)) as environments:
+        _check_spaces(policy, environments.spaces)
+        check_actions(trained, environments.actions.describe())
+        return play(policy, environments, seed)
+
+
+def play(policy: Policy[Any], environments: Environments, seed: int) -> dict[str, Any]:
+    """The first episode of each environment under the deterministic policy, as means.
+
+    The score of a continuing task, of whose stream ``EPISODE_STEPS`` are played, is its reward rate.
+    """
+    observations = environments.reset(seed)
+    running = np.ones(environments.num_envs, np.bool_)
+    returns, lengths = np.zeros(running.size), np.zeros(running.size, np.int64)
+    terminations = -environments.own_resets
+    for _ in range(EPISODE_STEPS):
+        step = environments.step(act(policy, observations))
+        # Environments that ended start another episode by themselves; it does not count.
+        returns += running * step.rewards
+        lengths += running
+        terminations += int(np.sum(running & step.terminated))
+        running &= ~step.ended
+        observations = step.following
+        if not running.any():
+            break
+    terminations += environments.own_resets
+    result = summarise_episodes(returns.tolist(), lengths.tolist(), terminations, environments.step_time)
+    return result | {"score": result[REWARD_RATE]} if environments.endless else result
+
+
+def _check_spaces(policy: Policy[Any], spaces: Spaces) -> None:
+    """Refuse an environment whose observations or actions are not the policy's."""
+    actor = policy.actor
+    seen, choices = actor.trunk[0].weight.shape[1], actor.choices if isinstance(actor, CategoricalActor) else ()
+    if seen != spaces.observation_size:
+        raise SwingupError(f"the policy sees {seen} numbers, the environment shows {spaces.observation_size}")
+    size = len(choices) or actor.mean_head.weight.shape[0]
+    if (size, choices) != (spaces.action_size, spaces.choices):
+        mine, its = _actions(size, choices), _actions(spaces.action_size, spaces.choices)
+        raise SwingupError(f"the policy's actions are {mine}, the environment's are {its}")
+
+
+def _actions(size: int, choices: tuple[int, ...]) -> str:
+    return f"{size} choices of {', '.join(map(str, choices))}" if choices else f"{size} numbers"

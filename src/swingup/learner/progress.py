@@ -11,7 +11,7 @@ import numpy as np
 from ..areapo.state import LearnerState
 from ..common.checks import finite_number, is_number, whole_number
 from ..common.errors import SwingupError, one_line
-from .rates import REWARD_RATE, shown_rate, training_resets
+from .metrics import REWARD_RATE, shown_rate, training_resets
 from .run_settings import MALFORMED, RunSettings, run_settings_from_dict
 
 Rank = tuple[bool, float]

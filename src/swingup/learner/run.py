@@ -8,7 +8,7 @@ the best of all. A run without a folder writes nothing.
 import contextlib
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,17 +16,26 @@ from typing import Any
 import jax
 import numpy as np
 
+from ..areapo.checkpoint import load_checkpoint, read_metadata
 from ..areapo.state import LearnerState
 from ..common import __version__
 from ..common.arrays import finite
 from ..common.checks import whole_number
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, naming
+from ..common.files import make_folder
 from ..controllers.stack.policy import Policy
-from .backend import AbstractBackend, split_seeds
+from ..tasks.acrobot_swingup import IDS as ACROBOT_IDS
+from ..tasks.acrobot_swingup import AcrobotPractice, acrobot_practice
+from ..tasks.adapters import as_task
+from ..tasks.pendulum import AbstractPendulumTask
+from ..tasks.task import AbstractTask
+from .backend import AbstractBackend, check_actions, split_seeds
+from .compiled_backend import CompiledBackend, ReturnEvaluator, SwingUpEvaluator
 from .metrics import MetricsWriter
-from .progress import TrainingProgress, TrainingReport, is_finite, rank, score_of
+from .presets import ACROBOT_PRESET, is_acrobot
+from .progress import UNRANKED, TrainingProgress, TrainingReport, is_finite, rank, read_progress, score_of
 from .run_folder import BEST, LAST, RunFolder, seed_file
-from .run_settings import RunSettings, write_run_settings
+from .run_settings import RunSettings, is_description, read_run_settings, run_settings_from_dict, write_run_settings
 
 Snapshot = tuple[LearnerState, dict[str, Any]]
 """The complete state, and the metadata of a checkpoint."""
@@ -35,7 +44,7 @@ Snapshot = tuple[LearnerState, dict[str, Any]]
 class Run:
     """A training run that can be advanced, stopped between chunks, and saved.
 
-    The functions in :mod:`.start` make one.
+    :func:`start_run`, :func:`resume_run` and :func:`restore_run` make one.
     """
 
     def __init__(
@@ -232,3 +241,96 @@ class Run:
         kept = "" if self._folder is None else f"; the last good checkpoint is in {self._folder.checkpoints}"
         remedy = cause or "lower --learning-rate or change --seed"
         raise SwingupError(f"training diverged: {subject} not finite after frame {self.frames}{kept}: {remedy}")
+
+
+def start_run(settings: RunSettings, folder: str | Path | None, frames: int, env: Any = None) -> Run:
+    """A new run of ``frames`` frames a seed.
+
+    Args:
+        settings: what to train.
+        folder: one that does not exist yet or is empty; None to write nothing.
+        frames: length of the run.
+        env: the environment or the task, where the settings only name it.
+
+    Raises:
+        SwingupError: the folder holds something or cannot be written, or the task cannot be made.
+    """
+    goal = whole_number("frames", frames, 1)
+    place = None if folder is None else RunFolder(folder)
+    if place is not None:
+        place.check_new()
+    backend = make_backend(settings, env)
+    state = backend.init()  # compiles for seconds, before the folder is made: interrupted here, nothing is left
+    # A reset that is not finite would show only after the first chunk, as a divergence.
+    if not is_finite(state.observations):
+        raise SwingupError(f"{settings.name} cannot be trained on: {backend.find_fault()}")
+    progress = TrainingProgress(state, (UNRANKED,) * settings.seeds)
+    run = Run(settings, backend, progress, goal, place)
+    if place is not None:
+        make_folder(place.checkpoints)
+        write_run_settings(place.path, settings, goal)
+    # A run that is killed before its first chunk ends can be resumed, too.
+    run.save_checkpoint()
+    return run
+
+
+def resume_run(folder: str | Path, frames: int | None = None, env: Any = None) -> Run:
+    """Continue a run from its last checkpoint, bit for bit; to another number of frames if one is given.
+
+    Raises:
+        SwingupError: the folder is not a run's, has no checkpoint, or its checkpoint is of another configuration.
+    """
+    settings, before = read_run_settings(Path(folder))
+    goal = whole_number("frames", before if frames is None else frames, 1)
+    place = RunFolder(folder)
+    source = f"the newest checkpoint in {place.checkpoints}"
+    backend, progress = _restored(settings, place.load_checkpoint, source, env)
+    run = Run(settings, backend, progress, goal, place)
+    # The last chunk may have gone beyond the goal: the same one is still reached.
+    if goal < min(before, run.frames):
+        raise SwingupError(f"frames = {goal}, but {folder} stands at {run.frames} already: ask for more")
+    on_disk = place.best(settings, backend.evaluator.measure)
+    # A policy may be newer than the checkpoint; a worse one must not replace it.
+    run.progress = replace(progress, best=tuple(map(max, progress.best, on_disk)))
+    write_run_settings(place.path, settings, goal)
+    return run
+
+
+def restore_run(path: str | Path, env: Any = None) -> Run:
+    """A run without a folder that continues from a file that :meth:`swingup.AREAPO.save` wrote."""
+    with naming(f"cannot load {path}"):
+        settings = run_settings_from_dict(read_metadata(path).get("settings"))
+    backend, progress = _restored(settings, lambda like: load_checkpoint(path, like), str(path), env)
+    return Run(settings, backend, progress, max(1, progress.iterations * settings.config.rollout_size), None)
+
+
+def _restored(
+    settings: RunSettings, load: Callable[[LearnerState], Snapshot], source: str, env: Any
+) -> tuple[AbstractBackend, TrainingProgress]:
+    backend = make_backend(settings, env)
+    state, metadata = load(jax.eval_shape(backend.init))
+    check_actions(metadata.get("actions", {}), backend.evaluator.described_actions)
+    return backend, read_progress(state, metadata, settings, source)
+
+
+def make_backend(settings: RunSettings, env: Any = None) -> AbstractBackend:
+    """The back end of these settings, on the task that they name, or on a given environment or task."""
+    config, seeds = settings.config, range(settings.seed, settings.seed + settings.seeds)
+    env = as_task(settings.env if env is None else env)
+    if settings.preset == ACROBOT_PRESET and is_acrobot(env):
+        env = acrobot_practice(ACROBOT_IDS[env])
+    if settings.robot is not None:
+        pendulum = env if isinstance(env, AbstractPendulumTask) else settings.task()
+        return CompiledBackend(pendulum, config, seeds, SwingUpEvaluator(pendulum, settings.plant))
+    if isinstance(env, AbstractTask):
+        episodes = settings.evaluation_episodes
+        if not episodes:
+            raise SwingupError("evaluation_episodes = 0, but a task in JAX is scored by episodes: use 1 or more")
+        judged = env.judged if isinstance(env, AcrobotPractice) else env
+        return CompiledBackend(env, config, seeds, ReturnEvaluator(judged, settings.seed, episodes))
+    if isinstance(env, str) and is_description(env):
+        raise SwingupError(f"this run's environment was passed in ({env}): pass it again as env")
+    # Imported here: Gymnasium is slow to load, and the pendulum does not need it.
+    from .host_backend import HostBackend
+
+    return HostBackend(env, settings.name, config, seeds, settings.evaluation_episodes)

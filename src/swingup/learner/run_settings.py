@@ -1,20 +1,21 @@
 """The settings that define a training run, in the config.json of its folder."""
 
 import dataclasses
+import itertools
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..areapo.config import Config, config_from_dict
+from ..areapo.config import LARGEST_COUNT, Config, config_from_dict
 from ..common import __version__
 from ..common.arrays import write_json
 from ..common.checks import one_of, whole_number
 from ..common.errors import SwingupError, command_line, one_line, quoted
 from ..plant.files import SHIPPED_PLANTS, is_plant_name, load_plant
 from ..plant.plant import FRICTIONLESS_SUFFIX, LEADERBOARD, Plant, get_robot, make_plant
-from ..tasks.adapted import AbstractAdaptedTask
+from ..tasks.adapters import AbstractAdaptedTask
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.presets import get_task
 from .presets import PRESETS, choose_preset, get_preset, is_acrobot, is_robot
@@ -77,6 +78,12 @@ class RunSettings:
         for name, least in LEAST.items():
             object.__setattr__(self, name, whole_number(name, getattr(self, name), least))
         object.__setattr__(self, "config", config_from_dict(vars(self.config)))  # NumPy's numbers become Python's
+        # Arrays are indexed in 32 bits; a machine's memory ends earlier, which JAX says.
+        sizes = {"num_envs x num_steps x seeds": self.config.rollout_size * self.seeds}
+        for name in ("policy_layers", "value_layers"):
+            sizes |= {f"{name} = {x} x {y}": x * y for x, y in itertools.pairwise(getattr(self.config, name))}
+        for name, size in sizes.items():
+            whole_number(name, size, 0, LARGEST_COUNT)
         # JAX's keys take seeds of 32 bits; the last seed is seed + seeds - 1.
         whole_number("seed", self.seed, 0, 2**32 - self.seeds)
 

@@ -37,7 +37,7 @@ from ..controllers.stack.regulator import TRIANGLE
 from ..plant.base_parameters import BASE, base_parameters
 from ..plant.plant import Plant
 from ..policy.regulator import RegulatorSettings, fixed_point
-from ..tasks.observation import PendulumStage, PlantStage
+from ..tasks.task import PendulumStage, PlantStage
 from .analytic_policy_gradient import PolicyGradientSettings, mean_cost, single_precision, with_actor
 from .dataset import Dataset, dagger_rollouts, draw_key, own_runs, swings_up, uniform_states
 from .distillation_settings import DistillationSettings, plant_scale

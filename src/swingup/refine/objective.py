@@ -14,7 +14,7 @@ from ..benchmark.rollout import Trajectory
 from ..common.types import Scalar, State
 from ..dynamics.dynamics import UPRIGHT, tip_height
 from ..plant.plant import Plant
-from ..tasks.recovery import UP_LINE_WIDTH
+from ..tasks.pendulum import UP_LINE_WIDTH
 
 SCORE_RULES = PERFORMANCE
 """The rules whose score the objective smooths, and whose time step the episodes have."""

@@ -27,13 +27,11 @@ from ..benchmark.interval import interquartile_interval, interquartile_mean
 from ..common import cores
 from ..common.checks import is_number, one_of, whole_number
 from ..common.errors import SwingupError, needing, one_line
-from ..learner.metrics import METRICS_FILE, read_metrics
+from ..learner.metrics import METRICS_FILE, RESETS, REWARD_RATE, read_metrics
 from ..learner.presets import PRESETS, get_preset
-from ..learner.rates import RESETS, REWARD_RATE
-from ..learner.run import Run
+from ..learner.run import Run, resume_run, start_run
 from ..learner.run_folder import RunFolder
 from ..learner.run_settings import RunSettings, read_run_settings
-from ..learner.start import resume_run, start_run
 
 Row = Mapping[str, Any]
 """A row of a run's metrics."""

@@ -20,8 +20,7 @@ from ..dynamics.integrate import rk4_step
 from ..loop.starts import winnable_states
 from ..plant.plant import ROBOTS, Plant, Robot
 from .pendulum import PendulumState
-from .space_actions import SpaceActions
-from .task import AbstractTask, Step
+from .task import AbstractTask, SpaceActions, Step
 
 CAPSULES = Plant(
     # As load_plant reads them from the suite's acrobot.xml; that takes time at import.

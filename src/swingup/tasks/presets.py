@@ -16,9 +16,8 @@ from ..plant.files import load_plant
 from ..plant.plant import LEADERBOARD, PlantLike, Robot, get_robot
 from ..plant.units import scaled, scales_of
 from .acrobot_swingup import AcrobotSwingup
-from .observation import PendulumStage
-from .pendulum import AbstractPendulumTask, PendulumTask
-from .recovery import RecoveryTask
+from .pendulum import AbstractPendulumTask, PendulumTask, RecoveryTask
+from .task import PendulumStage
 
 AnyPendulumTask = AbstractPendulumTask | AcrobotSwingup
 """A task of a double pendulum, of a robot's or of dm_control's."""

@@ -18,7 +18,7 @@ from ...plant.plant import LEADERBOARD, Plant, Robot
 from ...policy.file import write_network
 from ...policy.network import Layer, Network
 from ...policy.pendulum import PendulumPolicy, write_pendulum_policy
-from ...tasks.observation import PlantStage, Stage
+from ...tasks.task import PlantStage, Stage
 from ..interface import AbstractPlantController
 from .estimator import EstimatingController, with_estimator
 from .regulator import RegulatingController, with_regulator
