@@ -36,8 +36,8 @@ from adaptive_failing import failing_lines, failing_rows
 from adaptive_plants import ALL, FULL, GRID, JOINT, MIDPOINTS, NOMINAL_CRITERIA, OFF, TOLD, Judge
 
 from swingup.benchmark.boards import ROBUSTNESS
-from swingup.benchmark.interval import mean_interval, share_interval
-from swingup.benchmark.rules import RANDOM
+from swingup.benchmark.robustness_board import RANDOM
+from swingup.benchmark.values import mean_interval, share_interval
 from swingup.common.errors import SwingupError
 from swingup.common.files import write_atomically
 from swingup.controllers.registry import get_controller

@@ -5,8 +5,8 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-from swingup.benchmark.interval import Interval
 from swingup.benchmark.judge import judge
+from swingup.benchmark.values import Interval
 from swingup.loop.domain import SESSIONS
 
 Measured = tuple[float, Interval | None]

@@ -9,10 +9,10 @@ from upper_bound import simulated
 
 from swingup.benchmark.board import Case
 from swingup.benchmark.boards import PERFORMANCE
-from swingup.benchmark.criteria import compute_criteria
 from swingup.benchmark.robustness_board import RobustnessBoard, upright
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.runner import stack
+from swingup.benchmark.swing_up_board import compute_criteria
 from swingup.controllers.baselines.continuation import continue_swingups
 from swingup.plant.plant import Plant, Robot
 

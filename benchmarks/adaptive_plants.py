@@ -10,9 +10,8 @@ import numpy as np
 from swingup.benchmark.board import Case
 from swingup.benchmark.judge import judge
 from swingup.benchmark.result import Result
-from swingup.benchmark.robustness_board import RobustnessBoard, make_cases, upright
+from swingup.benchmark.robustness_board import SWEPT, ModelSweep, RobustnessBoard, Sweep, make_cases, upright
 from swingup.benchmark.rollout import Scenario, simulate
-from swingup.benchmark.rules import SWEPT, ModelSweep, Sweep
 from swingup.benchmark.runner import run_many, stack
 from swingup.common.errors import SwingupError
 from swingup.controllers.interface import AbstractController

@@ -22,7 +22,7 @@ from adaptive_boards import BOARDS
 from adaptive_plants import FULL, Judge
 
 from swingup.benchmark.boards import ROBUSTNESS
-from swingup.benchmark.interval import mean_interval
+from swingup.benchmark.values import mean_interval
 from swingup.common.errors import SwingupError
 from swingup.common.files import write_atomically
 from swingup.plant.plant import ROBOTS

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from scipy.stats import bootstrap
 from study import Study, cell
 
-from swingup.benchmark.interval import interquartile_mean
+from swingup.benchmark.values import interquartile_mean
 
 
 def ours(task: str, seed: int, frames: int) -> Iterator[Point]:

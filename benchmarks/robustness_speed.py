@@ -15,8 +15,7 @@ import numpy as np
 
 from swingup.benchmark.boards import ROBUSTNESS
 from swingup.benchmark.judge import judge
-from swingup.benchmark.robustness_board import make_cases
-from swingup.benchmark.rules import CRITERIA
+from swingup.benchmark.robustness_board import CRITERIA, make_cases
 from swingup.controllers.registry import get_controller
 from swingup.controllers.stack.policy import PolicyController
 from swingup.plant.plant import LEADERBOARD, Plant, get_robot

@@ -10,7 +10,7 @@ from typing import Any, NotRequired, TypedDict
 import numpy as np
 from scipy.stats import bootstrap, ttest_ind
 
-from swingup.benchmark.interval import interquartile_interval, interquartile_mean
+from swingup.benchmark.values import interquartile_interval, interquartile_mean
 from swingup.common.files import write_atomically
 
 TAIL = 0.1

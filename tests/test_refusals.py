@@ -17,10 +17,9 @@ from refusals import refusal
 from swingup import AREAPO, get_controller, identify, judge, leaderboard, load_plant, loop_controller, score, search
 from swingup.areapo.config import Config
 from swingup.benchmark.boards import ROBUSTNESS
-from swingup.benchmark.disturbances import DisturbanceSettings
+from swingup.benchmark.disturbances import DisturbanceSettings, PushRules
 from swingup.benchmark.robustness_board import change_grid
 from swingup.benchmark.rollout import Trajectory
-from swingup.benchmark.rules import PushRules
 from swingup.cli.exporting import plot_command
 from swingup.common.errors import one_line, quoted
 from swingup.controllers.baselines.baselines import baseline, shipped_reference

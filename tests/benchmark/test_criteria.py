@@ -8,9 +8,7 @@ import pytest
 from swingup import benchmark
 from swingup.benchmark.board import Setting
 from swingup.benchmark.boards import BOARDS, PERFORMANCE
-from swingup.benchmark.criteria import compute_criteria, realai_score
-from swingup.benchmark.rules import Normalisers
-from swingup.benchmark.swing_up_board import SwingUpBoard
+from swingup.benchmark.swing_up_board import Normalisers, SwingUpBoard, compute_criteria, realai_score
 from swingup.plant.plant import LEADERBOARD
 
 V2 = PERFORMANCE

@@ -7,7 +7,7 @@ import pytest
 
 from refusals import refusal
 from swingup.benchmark.leaderboard import ENTRANTS, FURTHER, entrants_for, leaderboard, published_rows
-from swingup.benchmark.rules import CRITERIA
+from swingup.benchmark.robustness_board import CRITERIA
 from swingup.controllers.stack.estimator import EstimatingController
 from swingup.controllers.stack.policy import PolicyController
 from swingup.controllers.stack.regulator import RegulatingController

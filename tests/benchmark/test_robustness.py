@@ -13,11 +13,10 @@ import pytest
 from refusals import refusal
 from swingup.benchmark.board import Case, Run
 from swingup.benchmark.boards import PERFORMANCE
-from swingup.benchmark.disturbances import DisturbanceSettings, draw_pushes
+from swingup.benchmark.disturbances import DisturbanceSettings, PushRules, draw_pushes
 from swingup.benchmark.judge import judge
-from swingup.benchmark.robustness_board import change_grid, make_cases, upright
+from swingup.benchmark.robustness_board import CRITERIA, RANDOM, Sweep, change_grid, make_cases, upright
 from swingup.benchmark.rollout import Scenario
-from swingup.benchmark.rules import CRITERIA, RANDOM, PushRules, Sweep
 from swingup.benchmark.runner import run_many, stack
 from swingup.loop.disturbance import step_noise
 from swingup.plant.files import load_plant

@@ -10,9 +10,8 @@ import pytest
 from jaxtyping import Array
 
 from swingup import AbstractController, judge
-from swingup.benchmark.disturbances import draw_pushes
+from swingup.benchmark.disturbances import PushRules, draw_pushes
 from swingup.benchmark.rollout import Scenario, simulate
-from swingup.benchmark.rules import PushRules
 from swingup.benchmark.runner import run_one
 from swingup.controllers.interface import PythonController
 from swingup.dynamics.integrate import rk4_steps

@@ -10,10 +10,10 @@ import pytest
 from swingup import BOARDS, get_controller, judge, load_plant, score
 from swingup.benchmark.board import Case, Setting
 from swingup.benchmark.boards import IROS_REAL, SIM2REAL
-from swingup.benchmark.criteria import realai_score
-from swingup.benchmark.interval import interquartile_interval, interquartile_mean, share_interval
 from swingup.benchmark.recording import recorded
 from swingup.benchmark.rollout import Record, Scenario, Trajectory
+from swingup.benchmark.swing_up_board import realai_score
+from swingup.benchmark.values import interquartile_interval, interquartile_mean, share_interval
 from swingup.loop.domain import make_domain
 from swingup.loop.supervisors import Limits
 from swingup.plant.plant import get_robot

@@ -8,8 +8,8 @@ import yaml
 
 from policies import lone_policy
 from swingup import BOARDS, SwingupError, load_plant
-from swingup.benchmark.columns import COLUMNS
 from swingup.benchmark.leaderboard import Row, Table, published_rows
+from swingup.benchmark.values import COLUMNS
 from swingup.cli import judging, main
 from swingup.cli.results import TABLE_FORMATS, show_tables
 from swingup.controllers.stack.policy import save_controller

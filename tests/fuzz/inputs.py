@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.io import savemat
 
-from swingup.benchmark.rules import CRITERIA
+from swingup.benchmark.robustness_board import CRITERIA
 from swingup.learner.presets import get_preset
 from swingup.learner.run_settings import RunSettings
 from swingup.plant.files import load_plant

@@ -10,8 +10,7 @@ import pytest
 
 from policies import lone_policy, new_actor
 from swingup.benchmark.boards import ROBUSTNESS
-from swingup.benchmark.robustness_board import make_cases
-from swingup.benchmark.rules import MODEL_SWEEPS
+from swingup.benchmark.robustness_board import MODEL_SWEEPS, make_cases
 from swingup.controllers.baselines.continuation import ContinuationSettings, nominal_swingups
 from swingup.controllers.stack.policy import Policy, PolicyController, policy_alone
 from swingup.controllers.stack.regulator import TRIANGLE

@@ -9,8 +9,7 @@ import pytest
 
 from swingup.benchmark.boards import PERFORMANCE, ROBUSTNESS
 from swingup.benchmark.judge import judge
-from swingup.benchmark.robustness_board import upright
-from swingup.benchmark.rules import CRITERIA
+from swingup.benchmark.robustness_board import CRITERIA, upright
 from swingup.common.errors import one_line
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.files import load_plant

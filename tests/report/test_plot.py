@@ -9,8 +9,8 @@ import pytest
 
 from refusals import refusal
 from swingup.benchmark.recording import save_trajectory
+from swingup.benchmark.robustness_board import CRITERIA
 from swingup.benchmark.rollout import Trajectory
-from swingup.benchmark.rules import CRITERIA
 from swingup.cli.exporting import plot_command
 from swingup.plant.plant import ROBOTS
 from swingup.report import figures

@@ -8,10 +8,9 @@ from typing import Any, ClassVar
 
 from ..loop.domain import Domain
 from ..plant.plant import Plant, Robot
-from .criteria import Criteria, TipHistory
 from .disturbances import DisturbanceSettings
-from .interval import Interval, mean_interval
 from .rollout import Scenario, Trajectory
+from .values import Interval, mean_interval
 
 
 @dataclass(frozen=True)
@@ -43,6 +42,55 @@ class Case:
     """Criterion that the run belongs to, on a board with several."""
     group: int = 0
     """Cases of one group are repetitions: the group counts if more than half of them succeed."""
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """Result of one swing-up."""
+
+    success: bool
+    """The tip was up from ``swingup_time`` to the end, and the run lasted long enough."""
+    swingup_time: float | None
+    """Start of the last unbroken stretch above the line that lasts to the end (s); None on failure."""
+    energy: float
+    """Σ over joints and rows |Δq_k u_k| (J)."""
+    torque_cost: float
+    """Σ u_kᵀ u_k Δt_k (N² m² s)."""
+    torque_smoothness: float
+    """Standard deviation of u_{k+1} - u_k, summed over the joints (N m)."""
+    velocity_cost: float
+    """Σ q̇_kᵀ q̇_k Δt_k (rad²/s)."""
+    score: float
+    """1 - (1/5) Σ tanh(π c_i / n_i) on success, else 0."""
+
+
+CAUSES = ("never up", "beyond a limit", "fell", "up late", "stopped")
+"""Kinds of failures: in the swing-up, at a limit of angle or speed in either phase, at the top, too slow, or ended
+early, by a guard for instance."""
+
+
+@dataclass(frozen=True)
+class TipHistory:
+    """The height of the tip during a run, and the reason of a failure."""
+
+    highest: float
+    """Largest height above the shoulder (m)."""
+    reach: float
+    """l1 + l2 (m)."""
+    failure: str | None
+    """Why the run failed; None if it succeeded."""
+    cause: str | None = None
+    """The kind of failure, one of ``CAUSES``."""
+
+    @property
+    def percent(self) -> float:
+        """The largest height in percent of l1 + l2."""
+        return 100.0 * self.highest / self.reach
+
+    def as_dict(self) -> dict[str, Any]:
+        """Ready for JSON."""
+        heights = {"highest_tip": self.highest, "highest_tip_percent": self.percent}
+        return heights | {"failure": self.failure, "cause": self.cause}
 
 
 @dataclass(frozen=True)

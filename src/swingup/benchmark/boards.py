@@ -7,9 +7,9 @@ from ..common.checks import one_of
 from ..common.errors import SwingupError
 from ..loop.supervisors import ROBOT_THROW, ROBOT_THROWER, CellSettings, Limits
 from .board import AbstractBoard
+from .disturbances import PushRules
 from .robustness_board import RobustnessBoard
-from .rules import Normalisers, PushRules
-from .swing_up_board import SwingUpBoard
+from .swing_up_board import Normalisers, SwingUpBoard
 from .uptime_board import UptimeBoard
 
 PERFORMANCE = SwingUpBoard(name="performance", normalisers=Normalisers(20.0, 60.0, 20.0, 0.1, 400.0), perfect=True)

@@ -8,13 +8,30 @@ import numpy as np
 from ..common.checks import finite_number
 from ..common.errors import SwingupError
 from ..loop.disturbance import Disturbance, Pushes, undisturbed
-from ..plant.units import TORQUE, VELOCITY
-from .rules import PushRules
+from ..plant.units import TIME, TORQUE, VELOCITY
 
 LARGEST_DISTURBANCE = 999.0
 """No disturbance of a pendulum comes near this, in SI units."""
 LONGEST_DELAY = 1000
 """Steps; more past than this is refused."""
+
+
+@dataclasses.dataclass(frozen=True)
+class PushRules:
+    """Random profiles of Gaussian pushes, as many on each joint.
+
+    The time between them is real for every pendulum, as the length of a run is.
+    """
+
+    profiles: int = 50
+    pushes: int = 3
+    """Pushes on each joint."""
+    apart: float = 1.0
+    """Least time between the centres of any two (s)."""
+    width: Annotated[tuple[float, float], TIME] = (0.05, 0.1)
+    """Range of the standard deviations (s)."""
+    amplitude: Annotated[tuple[float, float], TORQUE] = (0.5, 5.0)
+    """Range of the absolute amplitudes (N m)."""
 
 
 @dataclasses.dataclass(frozen=True)

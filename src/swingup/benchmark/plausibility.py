@@ -24,9 +24,8 @@ from ..plant.files import load_plant
 from ..plant.plant import LEADERBOARD, Plant, Robot, lump
 from ..plant.units import TIME, VELOCITY, scales_of
 from .board import AbstractBoard
-from .criteria import SHARE
 from .rollout import Trajectory
-from .swing_up_board import SwingUpBoard
+from .swing_up_board import SHARE, SwingUpBoard
 from .uptime_board import UptimeBoard
 
 HANGING = (0.2, 1.0)

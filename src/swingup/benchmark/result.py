@@ -6,10 +6,9 @@ from typing import Any
 from ..common import __version__
 from ..loop.domain import Domain
 from ..plant.plant import Plant
-from .board import Run
-from .criteria import Criteria, TipHistory
-from .interval import Interval, share_interval
+from .board import Criteria, Run, TipHistory
 from .rollout import Trajectory
+from .values import Interval, share_interval
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,9 @@ from ..loop.supervisors import (
 )
 from ..plant.plant import Plant
 from ..plant.units import TIME, scaled, scales_of
-from .board import AbstractBoard, Case, Run, Setting, Summary, summed_scores
-from .criteria import SHARE, TipHistory, tip_heights, tip_is_up
+from .board import AbstractBoard, Case, Run, Setting, Summary, TipHistory, summed_scores
 from .rollout import Scenario, Trajectory
+from .swing_up_board import SHARE, tip_heights, tip_is_up
 
 
 @dataclass(frozen=True, kw_only=True)

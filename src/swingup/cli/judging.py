@@ -10,12 +10,11 @@ from tyro.conf import arg
 
 from ..benchmark.board import AbstractBoard
 from ..benchmark.boards import BOARDS, get_board
-from ..benchmark.disturbances import DisturbanceSettings
+from ..benchmark.disturbances import DisturbanceSettings, PushRules
 from ..benchmark.judge import judge, make_setting, score
 from ..benchmark.leaderboard import DEFAULT_BOARDS, leaderboard
 from ..benchmark.recording import load_trajectory, save_trajectory
 from ..benchmark.robustness_board import RobustnessBoard, change_grid
-from ..benchmark.rules import PushRules
 from ..common.errors import SwingupError, command_line
 from ..common.files import check_writable, write_atomically
 from ..controllers.check import call_time, check_controller, slow_call

@@ -8,10 +8,10 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from statistics import median
 
-from ..benchmark.columns import COLUMNS
-from ..benchmark.criteria import CAUSES
+from ..benchmark.board import CAUSES
 from ..benchmark.leaderboard import ON_ROBOT, OURS, Table
 from ..benchmark.result import Result
+from ..benchmark.values import COLUMNS
 from ..common.errors import one_line, printable
 from ..controllers.registry import has_estimator
 from ..controllers.stack.policy import PolicyController

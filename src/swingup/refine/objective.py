@@ -9,8 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..benchmark.boards import PERFORMANCE
-from ..benchmark.criteria import realai_score
 from ..benchmark.rollout import Trajectory
+from ..benchmark.swing_up_board import realai_score
 from ..common.types import Scalar, State
 from ..dynamics.dynamics import UPRIGHT, tip_height
 from ..plant.plant import Plant

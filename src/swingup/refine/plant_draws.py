@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..benchmark.rules import MODEL_SWEEPS, ModelSweep
+from ..benchmark.robustness_board import MODEL_SWEEPS, ModelSweep
 from ..benchmark.runner import stack
 from ..common.errors import SwingupError
 from ..loop.domain import Domain, load_domain

@@ -12,7 +12,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from ..benchmark.criteria import Criteria
+from ..benchmark.board import Criteria
 from ..benchmark.judge import judge
 from ..benchmark.runner import StageProgress
 from ..common.errors import SwingupError

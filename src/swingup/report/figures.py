@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from ..benchmark.columns import COLUMNS
-from ..benchmark.criteria import tip_heights
 from ..benchmark.judge import score
 from ..benchmark.recording import checked_rows
+from ..benchmark.robustness_board import CRITERIA
 from ..benchmark.rollout import Trajectory
-from ..benchmark.rules import CRITERIA
+from ..benchmark.swing_up_board import tip_heights
+from ..benchmark.values import COLUMNS
 from ..common.checks import finite_number, whole_number
 from ..common.errors import SwingupError, quoted
 from ..common.files import read_bytes

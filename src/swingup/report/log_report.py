@@ -6,11 +6,11 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..benchmark.columns import COLUMNS
-from ..benchmark.criteria import CAUSES
+from ..benchmark.board import CAUSES
 from ..benchmark.log_comparison import ClosedLoop, Comparison
 from ..benchmark.result import Result
 from ..benchmark.rollout import Trajectory
+from ..benchmark.values import COLUMNS
 from ..identification.identify import Identification
 from ..identification.prediction import INDEX
 from ..identification.recording import Recording

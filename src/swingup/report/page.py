@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 
 from ..benchmark.board import AbstractBoard
-from ..benchmark.columns import COLUMNS
-from ..benchmark.disturbances import DisturbanceSettings
+from ..benchmark.disturbances import DisturbanceSettings, PushRules
 from ..benchmark.judge import judge
 from ..benchmark.leaderboard import DEFAULT_BOARDS, ENTRANTS, OURS, Row, Table, entrants_for, leaderboard
 from ..benchmark.recording import LEAST, checked_rows
+from ..benchmark.robustness_board import CRITERIA
 from ..benchmark.rollout import Trajectory
-from ..benchmark.rules import CRITERIA, PushRules
 from ..benchmark.runner import StageProgress
+from ..benchmark.values import COLUMNS
 from ..common import __version__
 from ..common.errors import SwingupError, needing, one_line
 from ..common.files import check_suffix, write_atomically

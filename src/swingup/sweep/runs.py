@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from ..areapo.config import check_hyperparameter, config_from_dict, format_value, parse_value
-from ..benchmark.interval import interquartile_interval, interquartile_mean
+from ..benchmark.values import interquartile_interval, interquartile_mean
 from ..common import cores
 from ..common.checks import is_number, one_of, whole_number
 from ..common.errors import SwingupError, needing, one_line

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..areapo.config import Config, format_value, parse_value
-from ..benchmark.interval import interquartile_mean
+from ..benchmark.values import interquartile_mean
 from ..common.arrays import write_json
 from ..common.checks import is_number, whole_number
 from ..common.errors import SwingupError, needing, one_line, quoted
