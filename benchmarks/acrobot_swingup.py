@@ -53,7 +53,7 @@ def train(seed: int, path: Path) -> list[tuple[float, ...]]:
 
 def judge(path: Path, seed: int) -> Float[np.ndarray, "episodes"]:
     """Returns of a policy file in MuJoCo, which sees and pays as dm_control does; 100 actions a second."""
-    import mujoco  # type: ignore[import-untyped]
+    import mujoco
 
     policy = make_policy(read_network(path)[0])
     model = mujoco.MjModel.from_xml_string(MJCF)

@@ -20,7 +20,7 @@ ONE_PLACE = {
     "optax": {"areapo", "refine"}, "gymnasium": {"gym", "continuing", "learner"}, "PIL": {"drawing", "report"},
     "matplotlib": {"report"}, "onnx": {"export"}, "jinja2": {"report"}, "tensorboardX": {"learner"},
     "scipy": {"controllers", "benchmark", "identification"}, "tyro": {"cli"}, "rich": {"cli"}, "yaml": {"common"},
-    "distributed": {"sweep"}, "optuna": {"sweep"},
+    "distributed": {"sweep"}, "optuna": {"sweep"}, "mujoco": {"plant"},
 }  # fmt: skip
 """Third-party packages that only these parts may import."""
 

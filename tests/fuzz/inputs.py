@@ -12,8 +12,7 @@ from scipy.io import savemat
 from swingup.benchmark.robustness_board import CRITERIA
 from swingup.learner.presets import get_preset
 from swingup.learner.run_settings import RunSettings
-from swingup.plant.files import load_plant
-from swingup.plant.model_files.files import model_text
+from swingup.plant.files import load_plant, model_text
 
 from .mutations import EXTREMES, LINES, damage, mutate, several, spoilt_arrays
 

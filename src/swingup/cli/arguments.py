@@ -12,7 +12,7 @@ from ..common.checks import one_of
 from ..common.errors import SwingupError, one_line
 from ..common.files import check_suffix, check_writable
 from ..plant.files import PLANT_FILES, SHIPPED_PLANTS, is_model_file, load_plant
-from ..plant.model_files.files import read_model
+from ..plant.model_file import read_model
 from ..plant.plant import LEADERBOARD, Plant, Robot, get_robot
 
 

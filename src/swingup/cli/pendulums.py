@@ -16,9 +16,9 @@ from ..identification.identify import identify
 from ..identification.plant_domain import prior_around
 from ..loop.domain import load_domain
 from ..loop.on_plant import plant_as_domain
+from ..plant.chain import READINGS
 from ..plant.files import MODEL_FILES, PARAMETER_FILES, is_model_file, load_plant, save_plant
 from ..plant.measured import measured_plant
-from ..plant.model_files.bodies import READINGS
 from ..plant.plant import ROBOTS, torque_over_gravity
 from ..report.log_report import identification_tables, report_comparison, report_identification
 from ..report.page import PAGE_FORMATS, save_log_report

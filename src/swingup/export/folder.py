@@ -40,7 +40,7 @@ COMMON_FILES = tuple(
 )
 """What the folders ``plant`` and ``policy`` need besides themselves; a test runs them without the rest."""
 
-NOT_ON_ROBOTS = ("model_files", "measured.py")
+NOT_ON_ROBOTS = ("chain.py", "model_file.py", "measured.py")
 """What reads and writes plants' files of other kinds."""
 
 GUARDED_NOTE = (

@@ -4,16 +4,20 @@ The parameter file's format is a flat YAML map with the key names of RealAIGym's
 run policies without PyYAML and MuJoCo: their readers are imported where a file needs them.
 """
 
+import html
+import math
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
+from string import Template
 from typing import Any
 
 import numpy as np
 
+from ..common import __version__
 from ..common.checks import one_of
 from ..common.errors import SwingupError, naming, one_line, quoted
-from ..common.files import write_map
+from ..common.files import write_atomically, write_map
 from .base_parameters import BASE_NAMES, base_parameters
 from .plant import LEADERBOARD, NAMES, Plant, PlantLike, make_plant, validated
 
@@ -83,8 +87,8 @@ def _shipped_plant(name: str) -> Plant:
 
 
 def _model_plant(path: str | Path, name: str) -> Plant:
-    # Here, since a folder for a robot is without these readers.
-    from .model_files.files import read_model
+    # Here, since a folder for a robot is without this reader.
+    from .model_file import read_model
 
     facts = read_model(path).facts
     missing = [each for each in NAMES if each not in facts]
@@ -115,6 +119,18 @@ def _entries(file: str | Path) -> dict[str, Any]:
     return read_map(file, "parameter")
 
 
+TEMPLATES = {".urdf": "pendulum.urdf", ".xml": "pendulum.xml", ".mjcf": "pendulum.xml"}
+"""Texts by the ends of file names, with gaps ``$like_this`` for numbers."""
+
+LEAST_GEAR = 1e-6
+"""Least gear ratio: the square of a smaller one divides no inertia."""
+
+CHOSEN_NUMBERS = ("m1", "m2", "r1", "r2", "I1")
+"""Numbers that another plant, which moves alike, may have otherwise."""
+
+OUR_ELEMENT = "swingup"
+"""The element for what this package writes beside a format's own; MuJoCo takes foreign numbers in ``<custom>``."""
+
 INERTIA_MARGIN = 1.05
 """Inertia above that of a point mass, m r²."""
 
@@ -128,14 +144,12 @@ def save_plant(path: str | Path, plant: Plant, comments: Sequence[str] = ()) -> 
     Raises:
         SwingupError: the file cannot be written, or no body moves as the plant does.
     """
-    from .model_files.files import is_buildable, write_model
-
     plant = validated(plant)
     values = plant.values()
     if str(path).lower().endswith(MODEL_FILES):
         base = dict(zip(BASE_NAMES, base_parameters(plant).tolist(), strict=True))
-        alike = plant if is_buildable(values) else representative(base, plant)
-        write_model(path, Path(plant.name or path).name, alike.values(), values)
+        alike = plant if _is_buildable(values) else representative(base, plant)
+        _write_model(path, Path(plant.name or path).name, alike.values(), values)
         return
     if not str(path).lower().endswith(PARAMETER_FILES):
         raise SwingupError(f"cannot write {path}: name {PLANT_FILES}")
@@ -148,7 +162,7 @@ def representative(base: Mapping[str, float], start: Plant) -> Plant:
     Its masses are near those of the start, whose lengths, gravity and limits it has.
     """
     l1, shoulder = float(start.l1), base["A"] - base["B"]
-    # Bodies in a simulation have no geared rotors: a part of the elbow's inertia is theirs (``without_rotors``).
+    # Bodies in a simulation have no geared rotors: a part of the elbow's inertia is theirs (``_without_rotors``).
     least = INERTIA_MARGIN * base["m2r2"] ** 2 / (base["B"] - float(start.gr) * base["Ir"])
     # Link 1 keeps a part of the inertia and of the moment, so that both stay positive.
     most = min(0.95 * shoulder / l1**2, 0.98 * base["k"] / l1)
@@ -160,3 +174,67 @@ def representative(base: Mapping[str, float], start: Plant) -> Plant:
     links = {"m1": m1, "m2": m2, "r1": rest / m1, "r2": base["m2r2"] / m2, "I1": I1, "I2": base["B"]}
     others = {name: base[name] for name in ("Ir", "b1", "b2", "cf1", "cf2")}
     return validated(start.changed(**links, **others, name=""))
+
+
+def _write_model(path: str | Path, name: str, bodies: Mapping[str, float], plant: Mapping[str, float]) -> None:
+    """Write a URDF (.urdf) or an MJCF (.xml, .mjcf).
+
+    The bodies' numbers are written. The plant moves alike, and its numbers are those that ``read_model`` reads.
+    """
+    for fact in ("Ir", "b1", "b2", "cf1", "cf2"):
+        if bodies[fact] < 0:
+            raise SwingupError(
+                f"cannot write {path}: {fact} = {bodies[fact]:g} is negative, which model files may not have"
+            )
+    if not bodies["gr"] >= LEAST_GEAR:
+        raise SwingupError(f"cannot write {path}: gr = {bodies['gr']:g} must be at least {LEAST_GEAR:g}")
+    if not _is_buildable(bodies):
+        raise SwingupError(
+            f"cannot write {path}: no bodies move as this plant does, whose inertias are below m r²; raise I2"
+        )
+    # Numbers of no body would be lost in the bodies that move alike.
+    kept = "" if bodies == plant else f' data="{" ".join(repr(plant[fact]) for fact in CHOSEN_NUMBERS)}"'
+    write_atomically(path, model_text(Path(path).suffix.lower(), name, bodies, kept).encode())
+
+
+def _is_buildable(plant: Mapping[str, float]) -> bool:
+    """Whether both links' inertias about their centres are positive, without the rotors."""
+    inertias = _without_rotors(plant)[:2]
+    return all(inertias[link - 1] > plant[f"m{link}"] * plant[f"r{link}"] ** 2 for link in (1, 2))
+
+
+def _without_rotors(plant: Mapping[str, float]) -> tuple[float, float, float, float]:
+    """I1, I2 and the armature of both joints (kg m²) with which bodies without rotors move as a plant does.
+
+    Simulations of bodies have the motors' inertia on the diagonal of M alone. A plant's rotors add -gr Ir to M12 as
+    well: without it in I2, where it is a part of M12, the same motion is left.
+    """
+    geared = plant["gr"] * plant["Ir"]
+    armature = geared + plant["gr"] * geared
+    return plant["I1"], plant["I2"] - geared, armature + plant["Ir"], armature
+
+
+def model_text(suffix: str, name: str, plant: Mapping[str, float], kept: str = "") -> str:
+    """A file's text, for the end of its name; ``kept`` is an attribute of the element of our own."""
+    (I1, I2, *armatures), gear, numbers = _without_rotors(plant), plant["gr"], {**plant, "fall": -plant["g"]}
+    motors = ""
+    for link, inertia, armature in zip((1, 2), (I1, I2), armatures, strict=True):
+        m, l, r, cf, tl = (plant[f"{each}{link}"] for each in ("m", "l", "r", "cf", "tl"))  # noqa: E741
+        # Both formats have inertias about the centre of mass, a plant about the joint.
+        own = {"about": inertia - m * r**2, "armature": armature, "rotor": armature / gear**2, "thick": l / 40}
+        own |= {"at_l": -l, "at_r": -r, "half": -l / 2, "loss": math.pi / 2 * cf}
+        numbers |= {f"{each}{link}": value for each, value in own.items()}
+        # MuJoCo refuses a motor whose range is empty.
+        if tl > 0:
+            joint, most = ("shoulder", "elbow")[link - 1], tl / gear
+            motors += f'<motor name="{joint}" joint="{joint}" gear="{gear!r}" ctrlrange="{-most!r} {most!r}"/>'
+    custom = f'<numeric name="{OUR_ELEMENT}"{kept}/>' if kept else ""
+    texts = {
+        "name": '"' + html.escape(one_line(name)) + '"',
+        "version": __version__,
+        "kept": kept,
+        "own": custom,
+        "motors": motors,
+    }
+    template = (resources.files(__package__) / TEMPLATES[suffix]).read_text(encoding="utf-8")
+    return Template(template).substitute({key: repr(value) for key, value in numbers.items()} | texts)

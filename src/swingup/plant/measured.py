@@ -16,7 +16,7 @@ from ..common.checks import finite_number, one_of
 from ..common.errors import SwingupError
 from .equations import mass_entries
 from .files import is_model_file, load_plant
-from .model_files.files import read_model
+from .model_file import read_model
 from .plant import NAMES, Plant, PlantLike, lump, make_plant
 
 MORE_NAMES = ("Ic1", "Ic2", "motor")
