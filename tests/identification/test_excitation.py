@@ -96,7 +96,7 @@ def test_feedback_brings_plants_together_within_the_limits(sequence, models, tri
 
 
 def test_information_grows_with_motion(trial):
-    slow, fast = (search._information(SETTING, states) for states in trial.states[:, 0])
+    slow, fast = (search.information(SETTING, states) for states in trial.states[:, 0])
     assert fast > slow
     # Ten times the angles: every entry of the matrix grows, for small angles by that factor.
     assert fast - slow > 9 * np.log(10)
@@ -172,9 +172,9 @@ def test_the_plants_own_limit_counts():
     strong = {"plant": "C.1", "tl1": 60.0, "tl2": 60.0}
     # A loop that allows less says so.
     domains = make_domain(strong), make_domain({**strong, "torque_limit": 2.0})
-    limits = [search._limits(each, joint, None, None, 3.0) for each in domains for joint in ("both", "elbow")]
+    limits = [search.limits_for(each, joint) for each in domains for joint in ("both", "elbow")]
     assert [each.torque for each in limits] == [(60.0, 60.0), (0.0, 60.0), (2.0, 2.0), (0.0, 2.0)]
-    assert search._limits(domains[0], "both", 20.0, None, 3.0).torque == (20.0, 20.0)
+    assert search.limits_for(domains[0], "both", 20.0).torque == (20.0, 20.0)
 
 
 @pytest.mark.slow

@@ -13,9 +13,10 @@ import swingup
 from refusals import refusal
 from swingup.identification import fit as bootstrap
 from swingup.identification import prediction
-from swingup.identification.fit import Evaluator, linearise
+from swingup.identification.fit import Evaluator, Fit, draw_solutions, linearise
 from swingup.identification.prediction import INDEX, integration_of, vector_of
-from swingup.identification.unknowns import Problem
+from swingup.identification.segments import Segments
+from swingup.identification.unknowns import Problem, Unknowns
 from swingup.loop.domain import load_domain
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.files import load_plant
@@ -121,13 +122,18 @@ def test_a_second_session_has_its_own_torque_gain(tmp_path, logs):
 
 
 def test_a_block_that_knows_everything_moves_no_draw_far():
-    """One block has all of the leverage: (1 - 0.99)⁻¹ bounds its correction, and the draws stay finite and near."""
-    normal, gradient = np.array([[[[1e8]]]]), np.array([[[3.0]]])
-    prior, pull = np.eye(1), np.zeros(1)
-    found = bootstrap._without_leverage(normal, gradient, prior, pull)
-    assert found == pytest.approx(np.zeros((1, 1, 1)))  # shifted: the solution stays where it is
-    two = bootstrap._without_leverage(np.full((1, 2, 1, 1), 5e7), np.array([[[3.0], [-3.0]]]), prior, pull)
-    assert two.ravel() == pytest.approx([300.0, -300.0])
+    """One block has all of the leverage: without its bound, errors that disagree would move draws by 1.
+
+    With J = 7e3 and r = ±4e-4 the gradients are ±3. Corrected by 1 / (1 - 0.99) they move a draw by less than
+    1.75 * 300 / J² = 1e-5 times the ratio of the kinds' weights.
+    """
+    one = np.zeros(1)
+    unknowns = Unknowns(np.array([0]), np.array([0]), np.zeros((1, 15), int), np.zeros((1, 15)), one, one + 1.0,
+                        one + 1.0, one - 10.0, one + 10.0)  # fmt: skip
+    windows = Segments(np.array([0]), np.array([0.1]), one, np.zeros((1, 1, 4)), np.zeros((1, 1, 2)))
+    fit = Fit(unknowns, one, np.array([[4e-4, -4e-4]]), np.full((1, 2, 1), 7e3))
+    draws = draw_solutions(fit, windows)
+    assert 0.0 < np.abs(draws).max() < 1e-4
 
 
 def test_a_known_gain_is_that_of_both_motors():

@@ -91,7 +91,7 @@ def test_delay_and_lag_that_nobody_says_are_fitted(log):
 
 def test_drawn_predictions_pass_through_the_log(comparison):
     recording, right = comparison.recording, comparison.predictions[0]
-    windows = cut_windows(recording, 0.5, stride=0.5, least_speed=0.0)
+    windows = cut_windows(recording, 0.5, stride=0.5, minimum_speed=0.0)
     drawn = predicted_curves(right.setting, right.model, windows)
     row = np.searchsorted(recording.time, drawn.times[0, 7])  # between two predicted states
     assert drawn.states[0, 7, :2] == pytest.approx(recording.q[row], abs=0.02)

@@ -111,7 +111,7 @@ def compare(
             found = get_controller(controller, driven, plant=designs_for(controller, domain.nominal_plant))
             runs[name] = close_loop(recording, found, controller, driven, around, seed)
     predictions = [predict_log(recording, domain, name) for name, domain in plants.items()]
-    windows = cut_windows(recording, DRAWN_LENGTH, stride=DRAWN_LENGTH, least_speed=0.0)
+    windows = cut_windows(recording, DRAWN_LENGTH, stride=DRAWN_LENGTH, minimum_speed=0.0)
     drawn = [predicted_curves(each.setting, each.model, windows) for each in predictions]
     return Comparison(recording, predictions, drawn, runs)
 

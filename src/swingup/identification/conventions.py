@@ -1,8 +1,8 @@
 """Which conventions and units a log's columns follow: the table of what people have, each with its test and remedy.
 
-A convention is another reading of the columns. Its test is the regression: the motion is much likelier under the
-right reading. Conventions come in pairs, so pairs are tried as well. The remedy is the text of ``--columns`` that
-gives the columns their right meaning.
+A convention is a linear map from the columns to angles and torques. Its test is the regression: the motion is much
+likelier under the right map. Conventions come in pairs, so pairs are tried as well. The remedy is the text of
+``--columns`` that gives the columns their right meaning.
 """
 
 import itertools
@@ -20,22 +20,20 @@ from ..common.errors import SwingupError
 from .log_checks import slopes_of
 from .prediction import INDEX, Integration
 from .recording import Recording
-from .regression import AS_IS, LEAST_SPANS, Reading, Solution, cut_spans, regress
+from .regression import AS_IS, MINIMUM_SPANS, ColumnMap, Solution, cut_spans, regress
 from .scoring import prediction_skill
 from .segments import Segments
 from .unknowns import KNOWN_NAMES, MASSES, Problem
 
 LIKELIER_COST = math.log(2.0)
-"""Difference of costs from which another reading is named: real logs have at most log 1.4."""
+"""Difference of costs from which another map is named: real logs have at most log 1.4."""
 GOOD_SHARE, BETTER_SHARE = 0.3, 0.7
 """It must also leave less than this share of the motion unexplained, and of what the log as it is leaves: with much
-noise another reading may be likelier and no better."""
+noise another map may be likelier and no better."""
 STILL_BETTER_SHARE = 0.9
 """The same where hardly anything moves as the log is: there angles in turns are likely from the start."""
-PAIR_LIKELIER_COST = math.log(1.5)
-"""Difference of costs from which a pair is named rather than one convention."""
-SUSPICIOUS_SHARE = 0.08
-"""Unexplained share from which pairs are tried."""
+PAIR_LIKELIER_COST = math.log(1.5)  # difference of costs from which a pair is named rather than one convention
+SUSPICIOUS_SHARE = 0.08  # unexplained share from which pairs are tried
 FOREIGN_SHARE, UNPREDICTED_SHARE = 0.3, 0.5
 """A log is refused above this unexplained share, if the better of start and regression also predicts the angles
 after 0.25 s with an error above this share of their motion."""
@@ -44,26 +42,27 @@ FREE_FALL = (0.1, 0.15)
 predictions have a larger error than this; recordings of free falls have 0.07 and 0.09."""
 MISMATCH_RATIO = 1.5
 """Ratio of the angles' slopes to recorded velocities, or its inverse, that noise does not explain."""
-NOTABLE_FACTOR = 1.3
-"""A common factor of the masses that is worth a note."""
-SIZES = tuple(np.geomspace(1e-4, 10.0, 101).tolist())
-"""Sizes (N m) that the torques' unit may have."""
-LIKE_UNIT = 1.5
-"""Ratio to the likeliest size up to which a unit is named."""
+NOTABLE_FACTOR = 1.3  # A common factor of the masses that is worth a note
 FAR_FACTOR = 2.5
 """A factor of one mass or inertia that is worth a note; the bounds of the fit are 10 times the start's."""
-LARGEST_SPEED = 400.0
-"""Speed (rad/s) that no reading may have."""
+TORQUE_SIZES = tuple(np.geomspace(1e-4, 10.0, 101).tolist())  # sizes (N m) that the torques' unit may have
+SIMILAR_UNIT = 1.5  # ratio to the likeliest size up to which a unit is named
+MAXIMUM_SPEED = 400.0  # speed (rad/s) that no map may give
+MINIMUM_COUNTS = 50.0  # range from which angles in whole numbers are counts
+COUNTS = (
+    *(2**k for k in range(8, 21)),
+    *(500, 800, 1000, 1440, 2000, 3600, 4000, 5000, 7200, 8000, 10000, 14400, 20000, 36000, 40000),
+)
+"""Counts per turn of usual encoders."""
 
 _SAME, _SWAP, _TURN1, _TURN2 = np.eye(2), np.eye(2)[::-1], np.diag([-1.0, 1.0]), np.diag([1.0, -1.0])
 _RELATIVE = np.array([[1.0, 0.0], [-1.0, 1.0]])
 
 
 class Convention(NamedTuple):
-    """One other way to read the columns."""
+    """One other way to write the columns, and the map that undoes it."""
 
-    group: str
-    """At most one convention of a group holds."""
+    group: str  # at most one convention of a group holds
     text: str
     angles: Float[np.ndarray, "2 2"] = _SAME
     torques: Float[np.ndarray, "2 2"] = _SAME
@@ -108,13 +107,7 @@ CONVENTIONS = (
     ),
 )
 """Applied in the order of the table, units first; ``_name_unit`` finds the units that are like these."""
-COUNTS = (
-    *(2**k for k in range(8, 21)),
-    *(500, 800, 1000, 1440, 2000, 3600, 4000, 5000, 7200, 8000, 10000, 14400, 20000, 36000, 40000),
-)
-"""Counts per turn of usual encoders."""
-LEAST_COUNTS = 50.0
-"""Range from which angles in whole numbers are counts."""
+GROUPS = tuple(dict.fromkeys(["unit", *(each.group for each in CONVENTIONS)]))
 
 
 @dataclass(frozen=True)
@@ -122,8 +115,7 @@ class Finding:
     """What is wrong with a log's columns."""
 
     text: str
-    remedy: tuple[str, ...] = ()
-    """Words of ``--columns``."""
+    remedy: tuple[str, ...] = ()  # words of ``--columns``
 
     def __str__(self) -> str:
         words = shlex.join(self.remedy)
@@ -143,139 +135,143 @@ def check_columns(
 
 
 def find_columns(recording: Recording, setting: Integration, start: Float[np.ndarray, "15"]) -> Finding | None:
-    """What is wrong with a log's columns, if anything is."""
-    spans, driven, better = cut_spans(recording), any(recording.driven), BETTER_SHARE
-    conventions = [*CONVENTIONS, *_units(recording, setting)]
-    if not driven:
-        conventions = [each for each in conventions if "torque" not in each.group]
-    alone = conventions
-    if len(spans) < LEAST_SPANS:  # at rest, or in turns
+    """What is wrong with a log's columns, if anything is.
+
+    The likeliest convention is named if it also explains clearly more of the motion than the columns as they are.
+    Otherwise only their units, their velocities and a pendulum far from the start may be wrong.
+    """
+    driven = any(recording.driven)
+    conventions = [
+        each for each in (*CONVENTIONS, *_own_units(recording, setting)) if driven or "torque" not in each.group
+    ]
+    spans, singles, better = cut_spans(recording), conventions, BETTER_SHARE
+    if len(spans) < MINIMUM_SPANS:  # at rest, or in turns, whose speeds are small numbers
         spans, better = cut_spans(recording, 1.0 / TURN), STILL_BETTER_SHARE
-        alone = [each for each in conventions if np.array_equal(each.angles, TURN * _SAME)]
-    if len(spans) < LEAST_SPANS:
-        return _check_speed(recording) or _check_velocities(recording)
-    scan = _Scan(recording, setting, start, spans, driven)
-    plain = scan.solve(())
-    singles = [((each,), scan.solve((each,))) for each in alone]
-    best: Sequence[Convention]
-    best, found = min(singles, key=lambda each: each[1].cost)
-    # There are hundreds of pairs: they are tried where no single convention explains the motion.
-    if min(plain.unexplained, found.unexplained) > SUSPICIOUS_SHARE:
-        pairs = [
-            (each, other) for each, other in itertools.product(alone, conventions) if each.group != other.group
-        ]
-        # A command's age hardly matters to what is told here.
-        pair, solution = min(((pair, scan.solve(pair, ages=1)) for pair in pairs), key=lambda each: each[1].cost)
-        if solution.cost < found.cost - PAIR_LIKELIER_COST:
-            best, found = pair, solution
+        singles = [each for each in conventions if np.array_equal(each.angles, TURN * _SAME)]
+    wrong_units = _check_speed(recording) or _check_velocities(recording)
+    if len(spans) < MINIMUM_SPANS:
+        return wrong_units
+    maps = _Maps(setting, spans, start, recording.driven)
+    plain = maps.solve(())
+    best, found = _likeliest(maps, plain, singles, conventions)
     if found.cost < plain.cost - LIKELIER_COST and found.unexplained < min(GOOD_SHARE, better * plain.unexplained):
-        named = [_name_unit(scan, best, each) for each in best]
-        # With much noise a probe may be likelier although the unit is right.
-        best = [each for each in named if each.group != "unit of torque" or not np.array_equal(each.torques, _SAME)]
-        if best:
+        named = [_name_unit(maps, best, each) for each in best]
+        # With much noise a unit may be likelier although the torques are right.
+        named = [
+            each for each in named if each.group != "unit of torque" or not np.array_equal(each.torques, _SAME)
+        ]
+        if named:
             shares = f"as it is, {_share(plain)} of the motion stays unexplained, otherwise {_share(found)}"
-            texts = " and ".join(dict.fromkeys(each.text for each in best))
-            return Finding(f"{texts}: {shares}", remedy(recording, scan.reading(best)))
-    return (
-        _check_speed(recording)
-        or _check_velocities(recording)
-        or _check_foreign(recording, setting, start, plain, driven)
-    )
+            texts = " and ".join(dict.fromkeys(each.text for each in named))
+            return Finding(f"{texts}: {shares}", remedy(recording, column_map(named)))
+    return wrong_units or _check_foreign(recording, setting, start, plain)
 
 
-def _name_unit(scan: "_Scan", best: Sequence[Convention], probe: Convention) -> Convention:
-    """A convention; a probe of the torques' unit with the unit that fits the starting plant's masses best."""
-    if probe.group != "unit of torque":
-        return probe
-    joints = np.diag(probe.torques) < 1.0
-    others = [each for each in best if each is not probe]
+def _likeliest(
+    maps: "_Maps", plain: Solution, singles: Sequence[Convention], conventions: Sequence[Convention]
+) -> tuple[Sequence[Convention], Solution]:
+    """The likeliest convention, or the likeliest pair where no single one explains the motion."""
+    best: Sequence[Convention]
+    best, found = min((((each,), maps.solve((each,))) for each in singles), key=lambda each: each[1].cost)
+    # There are hundreds of pairs: trying them all takes most of the time of this check.
+    if min(plain.unexplained, found.unexplained) > SUSPICIOUS_SHARE:
+        pairs = [pair for pair in itertools.product(singles, conventions) if pair[0].group != pair[1].group]
+        # A command's age hardly matters to what is decided here.
+        pair, solution = min(((pair, maps.solve(pair, ages=1)) for pair in pairs), key=lambda each: each[1].cost)
+        if solution.cost < found.cost - PAIR_LIKELIER_COST:
+            return pair, solution
+    return best, found
+
+
+def column_map(conventions: Sequence[Convention]) -> ColumnMap:
+    """The map of several conventions: units come first, then the order of the table."""
+    found = AS_IS
+    for each in sorted(conventions, key=lambda each: GROUPS.index(each.group)):
+        found = found.then(ColumnMap(each.angles, np.array(each.shift), each.torques))
+    return found
+
+
+class _Maps:
+    """The regression of one log under many maps of its columns, each solved once."""
+
+    def __init__(self, setting: Integration, spans: Segments, start: np.ndarray, driven: Sequence[bool]) -> None:
+        self.given = setting, spans, start, any(driven)
+        self.moving = np.array(driven, float)
+        self.fastest = np.quantile(np.abs(spans.states[..., 2:]), 0.99, axis=(0, 1))
+        self.solved: dict[bytes, Solution] = {}
+
+    def solve(self, conventions: Sequence[Convention], ages: int = 4) -> Solution:
+        """The regression's solution; maps that are the same, or another's mirror image, are solved once."""
+        columns = column_map(conventions)
+        if np.any(np.abs(columns.angles) @ self.fastest > MAXIMUM_SPEED):
+            return Solution({}, 1.0, 1e6, bounded=True)
+        # Shifts as points of the circle, where those that differ by a turn are equal.
+        numbers = [columns.angles.ravel(), np.exp(1j * columns.shift), (columns.torques * self.moving).ravel()]
+        sign = 1.0 if columns.angles[0].sum() > 0 else -1.0
+        mirrored = [sign * numbers[0], numbers[1] if sign > 0 else numbers[1].conj(), sign * numbers[2]]
+        # Adding 0 makes 0 of -0, whose bytes differ.
+        key = (np.round(np.concatenate(mirrored), 6) + 0.0).tobytes()
+        # Pairs are solved for one age alone: such a solution does not serve where all ages count.
+        if key not in self.solved or ages > 1:
+            self.solved[key] = regress(*self.given, columns, ages)
+        return self.solved[key]
+
+
+def _name_unit(maps: _Maps, best: Sequence[Convention], guess: Convention) -> Convention:
+    """A convention; of a unit of torque, the size that fits the starting plant's masses best, and its name."""
+    if guess.group != "unit of torque":
+        return guess
+    joints = np.diag(guess.torques) < 1.0
+    others = [each for each in best if each is not guess]
 
     def sized(size: float) -> Convention:
-        return probe._replace(torques=np.diag(np.where(joints, size, 1.0)))
+        return guess._replace(torques=np.diag(np.where(joints, size, 1.0)))
 
     def cost(size: float) -> float:
-        return regress(*scan.given, scan.reading([*others, sized(size)]), 1, largest=1.001).cost
+        # The masses stay, since they would make up for a unit.
+        return regress(*maps.given, column_map([*others, sized(size)]), 1, maximum_factor=1.001).cost
 
-    size = min(SIZES, key=cost)
-    units = {
-        name: abs(math.log(each / size))
-        for name, each in UNITS["tau"].items()
-        if name.lower() not in NEEDS_CONSTANT
-    }
-    named = sorted((name for name in units if units[name] < math.log(LIKE_UNIT)), key=units.__getitem__)
-    found = sized(UNITS["tau"][named[0]] if named else float(f"{size:.2g}"))
-    return found._replace(text=f"{probe.text} {' or '.join(named) or f'a unit of {size:.2g} N m (percent, mA?)'}")
+    size = min(TORQUE_SIZES, key=cost)
+    plain = {name: each for name, each in UNITS["tau"].items() if name.lower() not in NEEDS_CONSTANT}
+    distances = {name: abs(math.log(each / size)) for name, each in plain.items()}
+    named = sorted((name for name in plain if distances[name] < math.log(SIMILAR_UNIT)), key=distances.__getitem__)
+    found = sized(plain[named[0]] if named else float(f"{size:.2g}"))
+    return found._replace(text=f"{guess.text} {' or '.join(named) or f'a unit of {size:.2g} N m (percent, mA?)'}")
 
 
 def _share(solution: Solution) -> str:
     return f"{min(solution.unexplained, 1.0):.0%}"
 
 
-class _Scan:
-    """Readings of one log and how likely each is."""
-
-    def __init__(
-        self, recording: Recording, setting: Integration, start: np.ndarray, spans: Segments, driven: bool
-    ) -> None:
-        self.given = setting, spans, start, driven
-        self.moving = np.array(recording.driven, float)
-        self.fastest = np.quantile(np.abs(spans.states[..., 2:]), 0.99, axis=(0, 1))
-        self.solved: dict[bytes, Solution] = {}
-
-    def reading(self, conventions: Sequence[Convention]) -> Reading:
-        """The reading by several conventions: units come first, then the order of the table."""
-        order = [*dict.fromkeys(["unit", *(each.group for each in CONVENTIONS)])]
-        found = AS_IS
-        for each in sorted(conventions, key=lambda each: order.index(each.group)):
-            found = found.then(Reading(each.angles, np.array(each.shift), each.torques))
-        return found
-
-    def solve(self, conventions: Sequence[Convention], ages: int = 4) -> Solution:
-        """The regression's solution; readings that are the same, or another's mirror image, are solved once."""
-        reading = self.reading(conventions)
-        if np.any(np.abs(reading.angles) @ self.fastest > LARGEST_SPEED):
-            return Solution({}, 1.0, 1e6, bounded=True)
-        # Shifts as points of the circle, where those that differ by a turn are equal.
-        numbers = [reading.angles.ravel(), np.exp(1j * reading.shift), (reading.torques * self.moving).ravel()]
-        sign = 1.0 if reading.angles[0].sum() > 0 else -1.0
-        mirrored = [sign * numbers[0], numbers[1] if sign > 0 else numbers[1].conj(), sign * numbers[2]]
-        # Adding 0 makes 0 of -0, whose bytes differ.
-        key = np.round(np.concatenate(mirrored), 6) + 0.0
-        found = self.solved.get(key.tobytes())
-        # Pairs are solved for one age alone: such a solution does not serve where all ages are asked for.
-        if found is None or ages > 1:
-            found = self.solved[key.tobytes()] = regress(*self.given, reading, ages)
-        return found
-
-
-def _units(recording: Recording, setting: Integration) -> Iterable[Convention]:
+def _own_units(recording: Recording, setting: Integration) -> Iterable[Convention]:
     """Units that only this log may have: counts of an encoder, angles of a motor."""
     angles = recording.q
-    if np.ptp(angles) > LEAST_COUNTS and np.all(angles == np.round(angles)):
-        matches, gains = _velocity_relations(recording, _SAME, _SAME)
-        # Velocities in rad/s tell the counts, and so does the angle at which counts wrap.
-        told = [TURN * gain for match, gain in zip(matches, gains, strict=True) if match > 0.9 and gain > 30.0]
+    if np.ptp(angles) > MINIMUM_COUNTS and np.all(angles == np.round(angles)):
+        correlations, ratios = _velocity_relations(recording, _SAME, _SAME)
+        # Velocities in rad/s show the counts of a turn, and so does the angle at which counts wrap.
+        shown = [
+            TURN * ratio for match, ratio in zip(correlations, ratios, strict=True) if match > 0.9 and ratio > 30.0
+        ]
         for count in COUNTS if recording.turn is None else (round(recording.turn),):
-            if all(abs(count / each - 1) < 0.01 for each in told):
+            if all(abs(count / each - 1) < 0.01 for each in shown):
                 yield Convention("unit", f"the angles look like counts, {count} a turn", TURN / count * _SAME)
     if (gear := setting.geometry.gr) > 1.0:
         yield Convention("unit", f"the angles look like the motors', {gear:g} times the joints'", _SAME / gear)
 
 
-def remedy(recording: Recording, reading: Reading) -> tuple[str, ...]:
-    """Words of --columns that give the columns this reading."""
-    sources = recording.sources
+def remedy(recording: Recording, columns: ColumnMap) -> tuple[str, ...]:
+    """Words of --columns that give the columns this map."""
     words: list[str] = []
     for names in recording.pairs:
-        # Velocities may follow another reading than the angles: how they relate to the slopes decides.
+        # Velocities may follow another convention than the angles: their relation to the slopes decides.
         if names[0].startswith("vel"):
-            words += _velocity_words(recording, names, reading.angles)[0]
+            words += _velocity_words(recording, names, columns.angles)[0]
             continue
         angles = names[0].startswith("pos")
-        matrix, shift = (reading.angles, reading.shift) if angles else (reading.torques, np.zeros(2))
+        matrix, shift = (columns.angles, columns.shift) if angles else (columns.torques, np.zeros(2))
         for name, row, constant in zip(names, matrix, shift, strict=True):
-            column = _combined(sources, names, row, float(constant))
-            if column != sources[name]:
+            column = _combined(recording.sources, names, row, float(constant))
+            if column != recording.sources[name]:
                 words.append(column.word(name))
     return tuple(words)
 
@@ -283,7 +279,7 @@ def remedy(recording: Recording, reading: Reading) -> tuple[str, ...]:
 def _combined(
     sources: Mapping[str, MappedColumn], names: Sequence[str], row: np.ndarray, constant: float = 0.0
 ) -> MappedColumn:
-    """A row of a reading as a column: signs of the columns, one unit, and the constant in it."""
+    """A row of a map as a column: signs of the columns, one unit, and the constant in it."""
     scale, quantity = float(np.abs(row).max()), names[0][:3]
     parts = [sources[name].signed(int(np.sign(each))) for name, each in zip(names, row, strict=True) if each]
     size = unit_size(names[0], parts[0].unit) * scale
@@ -298,8 +294,9 @@ def _combined(
 
 
 def _check_speed(recording: Recording) -> Finding | None:
+    """Angles whose slopes no pendulum has."""
     fastest = np.quantile(np.abs(np.diff(recording.q, axis=0) / np.diff(recording.time)[:, None]), 0.99, axis=0)
-    if fastest.max() <= LARGEST_SPEED:
+    if fastest.max() <= MAXIMUM_SPEED:
         return None
     joint = int(fastest.argmax())
     return Finding(
@@ -316,35 +313,39 @@ def _check_velocities(recording: Recording) -> Finding | None:
 
 
 def _velocity_words(recording: Recording, names: Sequence[str], angles: np.ndarray) -> tuple[tuple[str, ...], str]:
-    """Words for velocities that do not follow the angles under a reading of these, and what is wrong."""
-    options = (_SAME, np.round(angles / np.abs(angles).max()), _SWAP)
-    relations = [_velocity_relations(recording, angles, option) for option in options]
-    # As they are, unless another reading is clearly better.
+    """Words for velocities that do not follow the angles under their map, and what is wrong with them.
+
+    Velocities may be right as they are, follow the angles' convention, or be swapped: of these three the one counts
+    whose velocities correlate best with the angles' slopes. The ratio of both then gives sign and unit.
+    """
+    maps = (_SAME, np.round(angles / np.abs(angles).max()), _SWAP)
+    relations = [_velocity_relations(recording, angles, each) for each in maps]
+    # The joint that correlates worse decides. Of equal maps the first counts, and joints of one unit are likelier.
     scores = [
-        np.abs(matches).min() - 0.02 * place - 0.1 * np.ptp(np.log(np.abs(gains) + 1e-9))
-        for place, (matches, gains) in enumerate(relations)
+        np.abs(correlations).min() - 0.02 * place - 0.1 * np.ptp(np.log(np.abs(ratios) + 1e-9))
+        for place, (correlations, ratios) in enumerate(relations)
     ]
-    place = int(np.argmax(scores))
-    option, (matches, gains) = options[place], relations[place]
+    best = int(np.argmax(scores))
     words: list[str] = []
-    text = "the velocities of joints 1 and 2 are swapped" if place == 2 else ""
-    for joint, (match, gain) in enumerate(zip(matches, gains, strict=True)):
-        factor = np.sign(gain) if 1 / MISMATCH_RATIO < abs(gain) < MISMATCH_RATIO else gain
-        column = _combined(recording.sources, names, option[joint] * factor)
+    text = "the velocities of joints 1 and 2 are swapped" if maps[best] is _SWAP else ""
+    for joint, (correlation, ratio) in enumerate(zip(*relations[best], strict=True)):
+        # Noise and filters change the ratio by less than any unit does.
+        factor = np.sign(ratio) if 1 / MISMATCH_RATIO < abs(ratio) < MISMATCH_RATIO else ratio
+        column = _combined(recording.sources, names, maps[best][joint] * factor)
         # Without a clear relation velocities are noise: the fit does not use them.
-        if abs(match) > 0.8 and column != recording.sources[names[joint]]:
+        if abs(correlation) > 0.8 and column != recording.sources[names[joint]]:
             words.append(column.word(names[joint]))
-            seen = "has the opposite sign of" if gain < 0 else f"is {1 / gain:.3g} times"
-            text = text or f"velocity {joint + 1} {seen} its angle's slope"
+            difference = "has the opposite sign of" if ratio < 0 else f"is {1 / ratio:.3g} times"
+            text = text or f"velocity {joint + 1} {difference} its angle's slope"
     return tuple(words), text
 
 
 def _velocity_relations(
     recording: Recording, angles: Float[np.ndarray, "2 2"], velocities: Float[np.ndarray, "2 2"]
 ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
-    """Correlations of angles' slopes and recorded velocities, each under a reading, and the factors between.
+    """Correlations of angles' slopes with recorded velocities, each under a map, and their ratios.
 
-    Both have noise, so that a factor is the ratio of their spreads, signed.
+    Both have noise, so that a ratio is that of their spreads, signed.
     """
     slopes = slopes_of(recording.time[recording.fresh], recording.q[recording.fresh]) @ angles.T
     recorded = recording.dq[recording.fresh] @ velocities.T
@@ -354,8 +355,10 @@ def _velocity_relations(
 
 
 def _check_foreign(
-    recording: Recording, setting: Integration, start: np.ndarray, plain: Solution, driven: bool
+    recording: Recording, setting: Integration, start: np.ndarray, plain: Solution
 ) -> Finding | None:
+    """A motion that neither the starting plant nor the regression's explains."""
+    driven = any(recording.driven)
     least, largest = (FOREIGN_SHARE, UNPREDICTED_SHARE) if driven else FREE_FALL
     if plain.unexplained < least:
         return None
@@ -390,5 +393,5 @@ def mass_notes(problem: Problem, model: Float[np.ndarray, "15"], recording: Reco
     far = {names[entry]: ratio for entry, ratio in ratios.items() if not 1 / FAR_FACTOR < ratio < FAR_FACTOR}
     if not far:
         return []
-    told = ", ".join(f"{name} {ratio:.2g} times" for name, ratio in far.items())
-    return [f"far from the starting plant's: {told}; check units and conventions, or give another --start"]
+    factors = ", ".join(f"{name} {ratio:.2g} times" for name, ratio in far.items())
+    return [f"far from the starting plant's: {factors}; check units and conventions, or give another --start"]

@@ -1,4 +1,4 @@
-"""From a prior and limits to an excitation: the fixed motion whose log tells most, as strong as the limits allow.
+"""From a prior and limits to an excitation: the fixed motion with the most information, as strong as the limits allow.
 
 The plant in the middle of the prior follows each motion by feedback; its torques and its motion, with the same
 feedback, are what a robot plays. So other plants move alike. Each is played on plants drawn from the prior and on
@@ -32,21 +32,15 @@ from .prediction import INDEX, NAMES, Integration, in_chunks, in_loop, integrati
 from .regression import OFFSETS, SPAN, regression_matrix
 from .segments import INTERVAL
 
-PERIOD = 0.002
-"""Between rows (s): 500 Hz."""
-WAVES = 6
-"""Sinusoids of each joint."""
-RISE = 0.5
-"""Time in which the motion rises and falls (s)."""
-REST = 0.05
-"""Part of the time at the end at rest."""
-BAND = (0.2, 6.0)
-"""Frequencies, as multiples of the pendulum's own."""
+PERIOD = 0.002  # between rows (s): 500 Hz
+WAVES = 6  # sinusoids of each joint
+RISE = 0.5  # time in which the motion rises and falls (s)
+REST = 0.05  # part of the time at the end at rest
+BAND = (0.2, 6.0)  # frequencies, as multiples of the pendulum's own
 TILTS = (-2.0, -1.5, -1.0, -0.5)
 """Exponents of the amplitudes. Accelerations grow with the square of the frequency: the first motions swing widely,
 the last ones shake."""
-SHARES = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0))
-"""Parts of the reach for shoulder and elbow."""
+SHARES = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0))  # parts of the reach for shoulder and elbow
 
 
 def multisines(duration: float, own: float, reach: float, driven: Float[np.ndarray, "2"]) -> np.ndarray:
@@ -77,8 +71,7 @@ def multisines(duration: float, own: float, reach: float, driven: Float[np.ndarr
     return np.stack(motions)
 
 
-LANES = 256
-"""Motions that one call of the compiled program simulates."""
+LANES = 256  # motions that one call of the compiled program simulates
 
 
 def draw_models(domain: Domain, count: int, seed: int) -> Float[np.ndarray, "count 15"]:
@@ -92,7 +85,7 @@ def draw_models(domain: Domain, count: int, seed: int) -> Float[np.ndarray, "cou
 
 def corner_models(domain: Domain) -> Float[np.ndarray, "corners 15"]:
     """Models of the plants at the ends of the domain's ranges, with the largest torque gains."""
-    # A motor that delivers more than it is asked for moves the arm furthest.
+    # A motor that delivers more than its command moves the arm furthest.
     highest = {name: high for name, _, high in domain.ranges if name in ("gain1", "gain2")}
     return np.stack([_model(domain, highest, plant) for plant in domain.corners()])
 
@@ -106,14 +99,10 @@ def _model(domain: Domain, values: dict[str, float], plant: Plant | None = None)
 class Sequences(NamedTuple):
     """Torques and motions, with the feedback that all are played with; rows are ``PERIOD`` apart."""
 
-    torque: Float[np.ndarray, "sequences rows 2"]
-    """tau (N m)"""
-    reference: Float[np.ndarray, "sequences rows 4"]
-    """q_ref, dq_ref (rad, rad/s)"""
-    feedback: Float[np.ndarray, "2 2"]
-    """kp of both joints (N m/rad), kd of both (N m s/rad)."""
-    limits: Float[np.ndarray, "2"]
-    """N m; 0 on a joint that is not driven."""
+    torque: Float[np.ndarray, "sequences rows 2"]  # tau (N m)
+    reference: Float[np.ndarray, "sequences rows 4"]  # q_ref, dq_ref (rad, rad/s)
+    feedback: Float[np.ndarray, "2 2"]  # kp of both joints (N m/rad), kd of both (N m s/rad)
+    limits: Float[np.ndarray, "2"]  # N m; 0 on a joint that is not driven
 
 
 class Rollouts(NamedTuple):
@@ -123,10 +112,8 @@ class Rollouts(NamedTuple):
     """Largest angle of a joint (rad); infinite where the motion diverged."""
     speed: Float[np.ndarray, "sequences plants"]
     """Largest speed of a joint (rad/s); infinite where the motion diverged."""
-    states: Float[np.ndarray, "sequences plants rows 4"]
-    """Before each row; empty where they are not kept."""
-    torque: Float[np.ndarray, "sequences plants rows 2"]
-    """Commands (N m); empty where they are not kept."""
+    states: Float[np.ndarray, "sequences plants rows 4"]  # before each row; empty where they are not kept
+    torque: Float[np.ndarray, "sequences plants rows 2"]  # commands (N m); empty where they are not kept
 
 
 def simulate(
@@ -182,18 +169,13 @@ def _compiled(setting: Integration, keep: bool) -> Callable[..., Any]:
     return jax.jit(jax.vmap(rollout, (0, 0, 0, None, None)))
 
 
-JOINTS = {"both": (1.0, 1.0), "shoulder": (1.0, 0.0), "elbow": (0.0, 1.0)}
-"""Joints that are driven."""
-DURATIONS = (3.0, 60.0)
-"""Shortest and longest excitation (s)."""
+JOINTS = {"both": (1.0, 1.0), "shoulder": (1.0, 0.0), "elbow": (0.0, 1.0)}  # joints that are driven
+DURATIONS = (3.0, 60.0)  # shortest and longest excitation (s)
 SPEED = 20.0
 """Largest speed of a joint (rad/s) on design C.1 if none is given: the public loop stops there. It scales."""
-NATURAL_FREQUENCY = 0.75
-"""Frequency of small swings (Hz) on design C.1. It scales, too."""
-CHECKED_PLANTS = 64
-"""Plants drawn from the prior on which the limits must hold, beside its corners."""
-STRENGTHS = np.geomspace(1.0, 0.1, 10)
-"""Multiples of a motion that are tried, until one keeps the limits."""
+NATURAL_FREQUENCY = 0.75  # frequency of small swings (Hz) on design C.1. It scales, too.
+CHECKED_PLANTS = 64  # plants drawn from the prior on which the limits must hold, beside its corners
+STRENGTHS = np.geomspace(1.0, 0.1, 10)  # multiples of a motion that are tried, until one keeps the limits
 STIFFNESS, DAMPING = 2.0, 0.5
 """Feedback: kp as a multiple of gravity's torque per radian; kd as the damping ratio of a joint alone."""
 
@@ -285,7 +267,7 @@ def excite(
         alone: whether the torques will be played without feedback; plants that differ then move apart.
     """
     check_seeds(seed, 1)
-    limits, plant = _limits(domain, joint, torque, speed, angle), domain.nominal_plant
+    limits, plant = limits_for(domain, joint, torque, speed, angle), domain.nominal_plant
     length = INTERVAL * round(finite_number("duration", duration, *DURATIONS, "s") / INTERVAL)
     drawn = draw_models(domain, CHECKED_PLANTS, seed)
     # Steps twice as long change predictions by 1e-4 rad (prediction.py), nothing beside how far the plants differ.
@@ -298,18 +280,19 @@ def excite(
             f"no motion keeps all plants of {domain.name} within {limits.angle:g} rad and {limits.speed:g} rad/s: "
             "allow more, narrow the prior, or ask for a shorter excitation"
         )
-    return max(candidates, key=lambda each: _information(setting, each.state))
+    return max(candidates, key=lambda each: information(setting, each.state))
 
 
-def _limits(
-    domain: Domain, joint: str, torque: float | None, speed: float | None, angle: float
+def limits_for(
+    domain: Domain, joint: str, torque: float | None = None, speed: float | None = None, angle: float = 3.0
 ) -> ExcitationLimits:
+    """The limits of an excitation, as :func:`excite` takes them: by default those of the plant and its motors."""
     driven, plant = JOINTS[one_of("joint", joint, JOINTS)], domain.nominal_plant
     motors = [float(plant.tl1), float(plant.tl2)]
-    most = [motor if torque is None else finite_number("torque", torque, 1e-6, motor, "N m") for motor in motors]
+    used = [motor if torque is None else finite_number("torque", torque, 1e-6, motor, "N m") for motor in motors]
     usual = scales_of(plant).scaled(SPEED, VELOCITY)
     return ExcitationLimits(
-        torque=(most[0] * driven[0], most[1] * driven[1]),
+        torque=(used[0] * driven[0], used[1] * driven[1]),
         speed=usual if speed is None else finite_number("speed", speed, 0.1, 1e3, "rad/s"),
         angle=finite_number("angle", angle, 0.1, 100.0, "rad"),
     )
@@ -347,7 +330,7 @@ def _feedback(setting: Integration, model: np.ndarray) -> np.ndarray:
     return np.stack([stiffness, DAMPING * 2 * np.sqrt(stiffness * np.array([straight, elbow]))])
 
 
-def _information(setting: Integration, states: Float[np.ndarray, "rows 4"]) -> float:
+def information(setting: Integration, states: Float[np.ndarray, "rows 4"]) -> float:
     """The logarithm of det(Yᵀ Y), which falls with the volume of the parameters' covariance."""
     time = PERIOD * np.arange(len(states))
     points = SPAN * np.arange(1, int(time[-1] / SPAN))[:, None] + OFFSETS

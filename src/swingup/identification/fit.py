@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import least_squares, lsq_linear
 
-from .prediction import INDEX, LARGEST_ERROR, Integration, predict_with_jacobian
+from .prediction import INDEX, MAXIMUM_ERROR, Integration, predict_with_jacobian
 from .regression import cut_spans, regress
 from .segments import Segments, join
 from .unknowns import Problem, Unknowns
@@ -35,20 +35,16 @@ from .unknowns import Problem, Unknowns
 class FitStage:
     """One least-squares problem of a fit."""
 
-    outputs: int
-    """Number of output times that count, the first ones."""
-    evaluations: int
-    """Largest number of evaluations of the errors."""
-    coarse: bool
-    """Whether steps of integration are twice as long."""
+    outputs: int  # number of output times that count, the first ones
+    evaluations: int  # largest number of evaluations of the errors
+    coarse: bool  # whether steps of integration are twice as long
 
 
 FIT_STAGES = (FitStage(2, 12, True), FitStage(5, 20, True), FitStage(5, 8, False))
 START_STAGES = (FitStage(5, 15, True),)
 WARM_STAGES = (FitStage(5, 10, False),)
-LEAST_WINDOWS = 10
-"""Windows of a log from which it has a spread of its own."""
-LEAST_SPREAD = np.array([1e-4, 1e-4, 1e-2, 1e-2])
+MINIMUM_WINDOWS = 10  # windows of a log from which it has a spread of its own
+MINIMUM_SPREAD = np.array([1e-4, 1e-4, 1e-2, 1e-2])
 """Least spread of an error of each state (rad, rad/s): some encoders' steps, which no model explains."""
 
 
@@ -58,10 +54,8 @@ class Fit:
 
     unknowns: Unknowns
     z: Float[np.ndarray, "unknowns"]
-    residual: Float[np.ndarray, "windows errors"]
-    """r / sigma of each window."""
-    jacobian: Float[np.ndarray, "windows errors unknowns"]
-    """Derivatives of ``residual`` with respect to z."""
+    residual: Float[np.ndarray, "windows errors"]  # r / sigma of each window
+    jacobian: Float[np.ndarray, "windows errors unknowns"]  # derivatives of ``residual`` with respect to z
 
     @property
     def models(self) -> Float[np.ndarray, "sessions 15"]:
@@ -70,7 +64,7 @@ class Fit:
 
 
 def fit_start(problem: Problem, windows: Segments) -> Float[np.ndarray, "sessions 15"]:
-    """The starting plant with the delay and lag that predict best."""
+    """Fit delay and lag alone, so that the starting plant is judged by what is wrong with the plant."""
     unknowns = problem.unknowns(plant=False)
     if not len(windows) or not len(unknowns):
         return unknowns.models(unknowns.start)
@@ -78,7 +72,7 @@ def fit_start(problem: Problem, windows: Segments) -> Float[np.ndarray, "session
 
 
 def fit_all(problem: Problem, windows: Segments, start: Float[np.ndarray, "sessions 15"]) -> Fit:
-    """All unknowns, from the better of the starting plant and the linear regression."""
+    """Fit all unknowns, from the better of the starting plant and the linear regression."""
     unknowns = problem.unknowns(plant=True)
     if not len(windows):
         return linearise(Evaluator(problem.setting, windows, unknowns), unknowns.start)
@@ -91,7 +85,7 @@ def fit_all(problem: Problem, windows: Segments, start: Float[np.ndarray, "sessi
 def pulled(
     problem: Problem, windows: Segments, found: Fit, start: Float[np.ndarray, "sessions 15"], share: float
 ) -> Fit:
-    """The point at a share of the way from the starting plant to a solution."""
+    """The solution moved back towards the starting plant, to a share of the way."""
     if share == 1.0:
         return found
     z = share * found.z + (1.0 - share) * found.unknowns.position(start)
@@ -99,7 +93,7 @@ def pulled(
 
 
 def _regressed(problem: Problem, models: np.ndarray) -> np.ndarray:
-    """The start's models with the plant that linear least squares find."""
+    """The start's models with the plant of the linear regression, which needs no start."""
     spans = join([cut_spans(recording) for recording in problem.recordings])
     if not len(spans):
         return models
@@ -125,7 +119,7 @@ def fit(
 
 
 class Evaluator:
-    """Errors of all windows and their derivatives; the latest evaluation is kept, since SciPy asks twice."""
+    """Errors of all windows and their derivatives. SciPy asks for both apart: the latest evaluation is kept."""
 
     def __init__(self, setting: Integration, windows: Segments, unknowns: Unknowns) -> None:
         self.setting, self.windows, self.unknowns = setting, windows, unknowns
@@ -146,7 +140,7 @@ class Evaluator:
             slopes[rows] = derivatives @ self.unknowns.derivative(int(session))
         # A window that diverges is bad, but has no direction in which it would be better.
         bad = ~(np.isfinite(errors) & np.isfinite(slopes).all(axis=-1))
-        errors[bad], slopes[bad] = LARGEST_ERROR, 0.0
+        errors[bad], slopes[bad] = MAXIMUM_ERROR, 0.0
         self._latest = z.tobytes(), errors, slopes
         return errors, slopes
 
@@ -161,32 +155,32 @@ def linearise(evaluate: Evaluator, z: Float[np.ndarray, "unknowns"]) -> Fit:
 
 
 def start_cost(evaluate: Evaluator, z: Float[np.ndarray, "unknowns"]) -> float:
-    """How badly a position predicts the first 50 ms: median errors, each relative to the median motion."""
+    """Median errors of a position after 50 ms, each relative to the median motion, summed over the states."""
     states, first = evaluate.windows.states, np.abs(evaluate(z)[0][:, 0])
     moved = np.abs(states[:, 1] - states[:, 0])
     return float(np.sum(np.median(first, axis=0) / np.maximum(np.median(moved, axis=0), 1e-6)))
 
 
 def spreads(windows: Segments, errors: Float[np.ndarray, "windows outputs 4"]) -> np.ndarray:
-    """The spread of each error: of its time and state over all windows, times how much worse its log fits."""
+    """Spread of each error: that of its time and state over all windows, times a factor of its log."""
     if not len(errors):
         return np.ones_like(errors)
     size = np.abs(errors)
     # The median of |error| is 1/1.48 of the standard deviation of a normal distribution.
-    common = np.maximum(1.48 * np.median(size, axis=0), LEAST_SPREAD)
+    common = np.maximum(1.48 * np.median(size, axis=0), MINIMUM_SPREAD)
     # Errors grow with time: the spread at a later time is never below that at an earlier one.
     common = np.maximum.accumulate(common, axis=0)
     sigma = np.tile(common, (len(windows), 1, 1))
     for log in np.unique(windows.log):
         rows = windows.log == log
-        if rows.sum() >= LEAST_WINDOWS:
+        if rows.sum() >= MINIMUM_WINDOWS:
             # Within bounds, so that no log is ignored and none decides alone.
             sigma[rows] *= np.clip(1.48 * np.median(size[rows] / common), 0.5, 3.0)
     return sigma
 
 
 def _solve(evaluate: Evaluator, z: np.ndarray, stage: FitStage) -> np.ndarray:
-    """One stage: sigma as it is at the start, then the least squares."""
+    """One stage, whose sigma is that of its start: a sigma that followed the errors would reward large ones."""
     unknowns, sigma = evaluate.unknowns, spreads(evaluate.windows, evaluate(z)[0])
     weight = (np.arange(sigma.shape[1]) < stage.outputs)[:, None] / sigma
     expected = np.diag(1.0 / unknowns.spread)
@@ -205,15 +199,13 @@ def _solve(evaluate: Evaluator, z: np.ndarray, stage: FitStage) -> np.ndarray:
     return np.clip(solution.x, unknowns.low + inner, unknowns.high - inner)
 
 
-BLOCK = 1.0
-"""Length of a block (s)."""
-SHAPE = 4.0
-"""Shape of the Gamma distribution of the other weights: their variance is the inverse."""
+BLOCK = 1.0  # length of a block (s)
+SHAPE = 4.0  # shape of the Gamma distribution of the other weights: their variance is the inverse
 DRAWS = 400
 WIDENING = 1.75
 """Factor on the draws' distance from the solution. The bootstrap does not see what all windows have in common:
 errors of the smoother and of the integration. Chosen on simulated pendulums that are not among those reported."""
-LARGEST_LEVERAGE = 0.99
+MAXIMUM_LEVERAGE = 0.99
 """Largest share of what is known of a direction that counts as one block's. A single block has all of it: without
 this bound the correction would divide by the expectation's weight alone."""
 
@@ -239,7 +231,7 @@ def draw_solutions(fit: Fit, windows: Segments, seed: int = 0) -> Float[np.ndarr
         matrix = np.tensordot(both, normal, 2) + prior
         slope = np.tensordot(both, gradient, 2) + prior @ (fit.z - expected[draw])
         solutions[draw] = _step(matrix, slope, unknowns.low - fit.z, unknowns.high - fit.z)
-    # Delay and lag may exchange, beyond their bounds too: their sum is what the logs tell.
+    # Delay and lag may exchange, beyond their bounds too: the logs determine their sum.
     loose = np.isin(unknowns.entries, [INDEX["delay"], INDEX["lag"]])
     low, high = np.where(loose, -np.inf, unknowns.low), np.where(loose, np.inf, unknowns.high)
     return np.clip(fit.z + WIDENING * solutions, low, high)
@@ -270,14 +262,14 @@ def _without_leverage(normal: np.ndarray, gradient: np.ndarray, prior: np.ndarra
     root = np.linalg.cholesky(normal.sum(axis=(0, 1)) + prior)
     inverse = np.linalg.inv(root)
     leverage, vectors = np.linalg.eigh(inverse @ normal.sum(axis=1) @ inverse.T)
-    factor = 1.0 / (1.0 - np.minimum(leverage, LARGEST_LEVERAGE))
+    factor = 1.0 / (1.0 - np.minimum(leverage, MAXIMUM_LEVERAGE))
     spread = root @ (vectors * factor[:, None]) @ np.swapaxes(vectors, 1, 2) @ inverse
     corrected = np.einsum("bij,bkj->bki", spread, gradient)
     return corrected - (corrected.sum(axis=(0, 1)) + pull) / corrected[..., 0].size
 
 
 def _step(matrix: np.ndarray, slope: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The least of ½ δᵀ matrix δ + slopeᵀ δ within bounds."""
+    """The minimum of ½ δᵀ matrix δ + slopeᵀ δ within bounds."""
     # Most draws keep the bounds by themselves, and this is far faster than the bounded problem.
     step = np.linalg.solve(matrix, -slope)
     if np.all((step >= low) & (step <= high)):

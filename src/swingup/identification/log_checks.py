@@ -15,17 +15,13 @@ from ..common.table import spread_evenly
 
 TURNS = (1.0, 2.0 * np.pi, 360.0, *(float(2**k) for k in range(8, 21)), 1000.0, 2000.0, 4000.0, 10000.0)
 """What an angle may wrap at, in units that logs have."""
-FILLED_SHARE = 0.7
-"""Share of a turn that angles which wrap reach."""
+FILLED_SHARE = 0.7  # share of a turn that angles which wrap reach
 
-NEAR_ROWS, NEAR_TIME = 4, 0.02
-"""Rows and time (s) to each side whose median slope predicts the next angle."""
-LEAST_JUMP, ACCELERATION = 0.15, 400.0
+NEAR_ROWS, NEAR_TIME = 4, 0.02  # rows and time (s) to each side whose median slope predicts the next angle
+MINIMUM_JUMP, ACCELERATION = 0.15, 400.0
 """Least jump (rad), and acceleration (rad/s²) that makes none: smaller jumps are noise, or the pendulum's own."""
-UNLIKELY_DEVIATIONS = 20.0
-"""A jump beyond so many median deviations is not noise."""
-SHORTEST_PIECE = 0.1
-"""A piece between two jumps that is shorter (s) is a dropout."""
+UNLIKELY_DEVIATIONS = 20.0  # A jump beyond so many median deviations is not noise
+MINIMUM_PIECE = 0.1  # A piece between two jumps that is shorter (s) is a dropout
 
 
 def one_clock(
@@ -85,7 +81,7 @@ def cut_episodes(
         lost = [
             np.arange(start, end)
             for start, end in itertools.pairwise(bounds)
-            if len(bounds) > 2 and time[rows[end - 1]] - time[rows[start]] < SHORTEST_PIECE
+            if len(bounds) > 2 and time[rows[end - 1]] - time[rows[start]] < MINIMUM_PIECE
         ]
         if not lost:
             break
@@ -118,37 +114,30 @@ def _jumps(time: np.ndarray, q: np.ndarray, longest: float) -> np.ndarray:
     slopes = np.diff(q, axis=0) / steps[:, None]
     padded = np.pad(slopes, ((near, near), (0, 0)), mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * near + 1, axis=0)
-    # Medians, since one bad angle spoils two slopes beside it.
+    # Medians, since one bad angle makes two slopes beside it wrong.
     before, after = np.median(windows[..., :near], axis=-1), np.median(windows[..., near + 1 :], axis=-1)
     jumps = np.abs(slopes - 0.5 * (before + after)) * steps[:, None]
     least = np.maximum(
-        LEAST_JUMP + ACCELERATION * steps[:, None] ** 2, UNLIKELY_DEVIATIONS * 1.48 * np.median(jumps, axis=0)
+        MINIMUM_JUMP + ACCELERATION * steps[:, None] ** 2, UNLIKELY_DEVIATIONS * 1.48 * np.median(jumps, axis=0)
     )
     # Where the pendulum turns quickly, slopes differ from one side to the other.
     far = jumps > least + 2.0 * np.abs(before - after) * steps[:, None]
     return np.flatnonzero(far.any(axis=1) & (steps <= longest))
 
 
-SHORTEST_LOG = 0.8
-"""Least duration of a log (s): a window of prediction lasts 0.5 s."""
-LEAST_ROWS = 6
-"""Rows with a measurement of their own that a smoother needs: its cubic has four coefficients."""
-LEAST_POSITIONS = 20
+MINIMUM_DURATION = 0.8  # least duration of a log (s): a window of prediction lasts 0.5 s
+MINIMUM_ROWS = 6  # rows with a measurement of their own that a smoother needs: its cubic has four coefficients
+MINIMUM_POSITIONS = 20
 """Different pairs of angles that a log needs: base parameters and friction are nine numbers and four."""
-SLOWEST_PERIOD = 0.1
-"""Longest median period (s): a pendulum moves too far between rows."""
+MAXIMUM_PERIOD = 0.1  # longest median period (s): a pendulum moves too far between rows
 SLOW_PERIOD = 0.0315
 """Median period (s) from which parameters come out wrong: those of C.1 by a quarter at 20 Hz."""
-USUAL_PERIODS = (2e-4, 0.06)
-"""Usual periods (s), which tell the unit of a time."""
-LEAST_MOTION = 2e-3
-"""Least range of an angle (rad)."""
-SATURATED_SHARE = 0.25
-"""Share of rows at the largest torque from which a motor counts as saturated."""
+USUAL_PERIODS = (2e-4, 0.06)  # usual periods (s), which tell the unit of a time
+MINIMUM_MOTION = 2e-3  # least range of an angle (rad)
+SATURATED_SHARE = 0.25  # share of rows at the largest torque from which a motor counts as saturated
 GAP, GAP_PERIODS = 0.06, 20.0
 """A longer time between rows, in s and in median periods, is a gap that no prediction crosses."""
-SLOPE_WINDOW = 0.02
-"""Time over which angles give velocities (s)."""
+SLOPE_WINDOW = 0.02  # time over which angles give velocities (s)
 
 
 def check_time(name: str, time: Float[np.ndarray, "rows"], title: str) -> None:
@@ -161,31 +150,31 @@ def check_time(name: str, time: Float[np.ndarray, "rows"], title: str) -> None:
     usual = next(
         (unit for unit, size in UNITS["time"].items() if USUAL_PERIODS[0] <= period * size <= USUAL_PERIODS[1]), ""
     )
-    if period > SLOWEST_PERIOD and usual and usual != "s":
+    if period > MAXIMUM_PERIOD and usual and usual != "s":
         raise SwingupError(
             f"{name}: rows are {period:g} s apart (median): the time looks like {usual}; read it with "
             f"--columns {title}:{usual}"
         )
-    if period > SLOWEST_PERIOD:
+    if period > MAXIMUM_PERIOD:
         raise SwingupError(
             f"{name}: rows are {period:g} s apart (median), too slow for a pendulum: record at 33 Hz or faster"
         )
-    if time[-1] < SHORTEST_LOG:
+    if time[-1] < MINIMUM_DURATION:
         raise SwingupError(
-            f"{name} lasts {time[-1]:g} s: at least {SHORTEST_LOG:g} s are needed, with time in seconds"
+            f"{name} lasts {time[-1]:g} s: at least {MINIMUM_DURATION:g} s are needed, with time in seconds"
         )
 
 
 def check_fresh(name: str, fresh: Bool[np.ndarray, "rows"], q: Float[np.ndarray, "rows 2"]) -> None:
     """Refuse a log with too few measurements, or too few positions."""
     count = int(np.count_nonzero(fresh))
-    if count < LEAST_ROWS:
+    if count < MINIMUM_ROWS:
         raise SwingupError(
-            f"{name} has {count} different rows, the others repeat the one before: at least {LEAST_ROWS} are needed"
+            f"{name} has {count} different rows, the others repeat the one before: use {MINIMUM_ROWS} or more"
         )
     # Rounded angles repeat, and repeated equations tell nothing new.
     positions = len(np.unique(q, axis=0))
-    if positions < LEAST_POSITIONS:
+    if positions < MINIMUM_POSITIONS:
         raise SwingupError(
             f"{name} has only {positions} different pairs of angles in {len(q)} rows: record a motion, with all "
             "digits of the angles"
@@ -195,7 +184,7 @@ def check_fresh(name: str, fresh: Bool[np.ndarray, "rows"], q: Float[np.ndarray,
 def check_motion(name: str, q: Float[np.ndarray, "rows 2"]) -> None:
     """Refuse a joint that never moves."""
     for joint, reach in enumerate(np.ptp(q, axis=0), start=1):
-        if reach < LEAST_MOTION:
+        if reach < MINIMUM_MOTION:
             raise SwingupError(
                 f"{name}: joint {joint} never moves (its angle stays within {reach:.2g} rad): check the encoder, "
                 "or leave this log out"

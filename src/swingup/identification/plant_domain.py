@@ -8,20 +8,17 @@ from typing import Any
 from ..common.errors import SwingupError
 from ..loop.domain import Domain, make_domain
 from ..plant.plant import Plant
-from .prediction import INDEX, LEAST_LAG, vector_of
+from .prediction import INDEX, MINIMUM_LAG, vector_of
 from .unknowns import MASSES
 
 Range = tuple[float, float]
 
-BASE = (0.8, 1.2)
-"""Base parameters, as multiples of those that a drawing or a fit of another specimen gives."""
+BASE = (0.8, 1.2)  # base parameters, as multiples of those that a drawing or a fit of another specimen gives
 ROTOR = (0.5, 2.5)
 FRICTION = (0.4, 1.6)
 """Rotors' inertia and Coulomb friction, as multiples. Source: fits of one robot in several sessions."""
-LEAST_FRICTION = 0.02
-"""Coulomb friction may reach this part of gravity's torque where the plant has none."""
-DELAY, LAG = (0.001, 0.006), (0.001, 0.004)
-"""s. Source: fits of recordings."""
+MINIMUM_FRICTION = 0.02  # coulomb friction may reach this part of gravity's torque where the plant has none
+DELAY, LAG = (0.001, 0.006), (0.001, 0.004)  # s. Source: fits of recordings.
 
 
 def prior_around(plant: Plant) -> Domain:
@@ -34,7 +31,7 @@ def prior_around(plant: Plant) -> Domain:
     ranges = {name: (low * vector[INDEX[name]], high * vector[INDEX[name]]) for name, (low, high) in around.items()}
     for joint in ("1", "2"):
         low, high = ranges[f"cf{joint}"]
-        ranges[f"cf{joint}"] = (min(low, high), max(low, high, LEAST_FRICTION * torque))
+        ranges[f"cf{joint}"] = (min(low, high), max(low, high, MINIMUM_FRICTION * torque))
         damping = vector[INDEX[f"b{joint}"]]
         ranges[f"b{joint}"] = (min(damping, 0.0), max(3 * damping, 0.002 * torque))
     loop = {"delay": DELAY, "lag": LAG, "offset1": (0.0, 0.0), "offset2": (0.0, 0.0)}
@@ -82,5 +79,5 @@ def _content(p: Plant, ranges: Mapping[str, Range], narrowing: float) -> dict[st
     content["torque_limit"] = float(max(p.tl1, p.tl2))
     # Measured torques may be later than those that act, which a fit sees as a delay below 0. A loop has none.
     content["delay"] = [max(end, 0.0) for end in ranges["delay"]]
-    content["lag"] = [max(end, LEAST_LAG) for end in ranges["lag"]]
+    content["lag"] = [max(end, MINIMUM_LAG) for end in ranges["lag"]]
     return content

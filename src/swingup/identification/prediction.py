@@ -33,11 +33,9 @@ INDEX = {name: place for place, name in enumerate(NAMES)}
 
 CHUNK = 128
 """Windows that one call of the compiled program predicts; fewer are filled up, so that it compiles once."""
-LONGEST_LAG = 0.03
-"""Time that a lag remembers (s)."""
-LEAST_LAG = 3e-4
-"""Shortest lag of a model (s)."""
-LARGEST_ERROR = 1e3
+LAG_MEMORY = 0.03  # time that a lag remembers (s)
+MINIMUM_LAG = 3e-4  # shortest lag of a model (s)
+MAXIMUM_ERROR = 1e3
 """An error that is not finite counts as this (rad, rad/s), and so does a larger one in scores."""
 
 
@@ -45,10 +43,8 @@ class Integration(NamedTuple):
     """What of a plant is known, and how its motion is integrated; hashable, it is compiled in."""
 
     geometry: Geometry
-    steepness: float
-    """Slope of the smoothed Coulomb friction (s/rad)."""
-    step: float
-    """Step of integration (s); an interval holds a whole number of them."""
+    steepness: float  # slope of the smoothed Coulomb friction (s/rad)
+    step: float  # step of integration (s); an interval holds a whole number of them
 
     @property
     def coarse(self) -> "Integration":
@@ -78,7 +74,7 @@ def in_loop(model: Float[np.ndarray, "15"], values: Mapping[str, float]) -> Floa
     known = [name for name in NAMES[len(BASE_NAMES) :] if name in values]
     changed = model.copy()
     changed[[INDEX[name] for name in known]] = [values[name] for name in known]
-    changed[INDEX["lag"]] = max(changed[INDEX["lag"]], LEAST_LAG)
+    changed[INDEX["lag"]] = max(changed[INDEX["lag"]], MINIMUM_LAG)
     return changed
 
 
@@ -154,7 +150,7 @@ def acting_torques(
     setting: Integration, outputs: int, delay: Array, lag: Array, impulse: Float[Array, "grid 2"]
 ) -> Float[Array, "steps 2"]:
     """Mean torque of each step (N m): the command, late and through the lag, from its integral on a grid."""
-    stride, memory = round(setting.step / TORQUE_STEP), round(LONGEST_LAG / setting.step)
+    stride, memory = round(setting.step / TORQUE_STEP), round(LAG_MEMORY / setting.step)
     steps = outputs * round(INTERVAL / setting.step)
     # The first step that is needed starts a memory's length before the window, and a delay earlier.
     shift = (HISTORY - memory * setting.step - delay) / TORQUE_STEP

@@ -16,8 +16,8 @@ from ..common.columns import MappedColumn, suggest_columns
 from ..common.errors import SwingupError
 from ..common.table import Table, read_table
 from .log_checks import (
-    LEAST_ROWS,
-    SLOWEST_PERIOD,
+    MAXIMUM_PERIOD,
+    MINIMUM_ROWS,
     check_fresh,
     check_motion,
     check_time,
@@ -43,11 +43,9 @@ MEASURED_NOISE = 0.01
 DIFFERENCES = 1e-3
 """Median distance (rad/s) up to which recorded velocities are backward differences of the angles."""
 
-MOST_FAULTS = 0.05
-"""Largest share of rows whose time does not increase."""
+MAXIMUM_FAULTS = 0.05  # largest share of rows whose time does not increase
 
-LEAST_LACKING = 0.005
-"""Share of rows without a torque from which it is worth a note."""
+NOTABLE_SHARE = 0.005  # share of rows without a torque from which it is worth a note
 
 REPEAT_MOTION = 0.25
 """Motion between two rows, in steps of an encoder, with which they should differ: of four such rows one does."""
@@ -66,7 +64,7 @@ class Recording:
     dq: Float[np.ndarray, "rows 2"]
     """Velocities as recorded (rad/s); differences of the angles where the log has none."""
     u: Float[np.ndarray, "rows 2"]
-    """Torques that were asked for, pushes included, within the limits (N m); else measured ones."""
+    """Commanded torques, pushes included, within the limits (N m); else measured ones."""
     fresh: Bool[np.ndarray, "rows"]
     """Rows with a new measurement: false where a row repeats the one before although the pendulum moves."""
     quantum: tuple[float, float]
@@ -76,7 +74,7 @@ class Recording:
     driven: tuple[bool, bool]
     """Joints on which a torque acts."""
     commanded: bool
-    """Whether ``u`` was asked for; otherwise it was measured, or the log has no torques."""
+    """Whether ``u`` was commanded; otherwise it was measured, or the log has no torques."""
     warnings: tuple[str, ...] = ()
     """What a user should know of this log, one line each."""
     sources: Mapping[str, MappedColumn] = field(default_factory=dict)
@@ -97,11 +95,7 @@ class Recording:
         return np.diff(self.time) > longest_step(self.period)
 
 
-def read_recording(
-    path: str | Path,
-    columns: Sequence[str] = (),
-    force: bool = False,
-) -> Recording:
+def read_recording(path: str | Path, columns: Sequence[str] = (), force: bool = False) -> Recording:
     """Read a log by its columns.
 
     Args:
@@ -123,36 +117,25 @@ def read_recording(
     rows, time, notes = _clean(name, table)
     check_time(name, time, table.sources["time"].word("time"))
     values = {each: column[rows] for each, column in table.values.items()}
-    angles = _first(values, _POSITIONS)
+    angles = _pair(values, _POSITIONS)
     assert angles is not None  # the reader refuses a log without angles
     quantum = (_quantum(angles[:, 0]), _quantum(angles[:, 1]))
     q, turn = continued(angles)
-    dq, commands, measured = (_first(values, group) for group in (_VELOCITIES, _COMMANDS, _MEASURED))
-    fresh = _fresh_rows(q, quantum, time, dq, measured)
+    fresh = _fresh_rows(q, quantum, time, values)
     check_fresh(name, fresh, q)
     check_motion(name, q[fresh])
     kept, time, found = cut_episodes(time, q, fresh, longest_step(float(np.median(np.diff(time)))))
-    notes += found
     time, q, fresh = time[kept], q[kept], fresh[kept]
-    dq, commands, measured = (None if each is None else each[kept] for each in (dq, commands, measured))
-    slopes = _differences(time, q)
-    dq = slopes if dq is None else np.where(np.isfinite(dq), dq, slopes)
-    # Measured torques stand in for commands that a log lacks.
-    commanded = commands is not None and "tau_meas1" not in _names(values, _COMMANDS)
-    u = np.zeros_like(q)
-    if commands is not None:
-        u, lacking = _held(time, commands)
-        notes += lacking
-    if commanded and (pushes := _first(values, _PUSHES)) is not None:
-        u = u + np.nan_to_num(pushes[kept])
-    peak = np.abs(u).max(axis=0)
-    driven = peak > (0.0 if commanded else MEASURED_NOISE)
-    notes += find_warnings(time, u, measured if commanded else None, fresh)
+    values = {each: column[kept] for each, column in values.items()}
+    dq, slopes = _pair(values, _VELOCITIES), _differences(time, q)
+    u, commanded, lacking = _torques(time, values)
+    driven = np.abs(u).max(axis=0) > (0.0 if commanded else MEASURED_NOISE)
+    notes += [*found, *lacking, *find_warnings(time, u, _pair(values, _MEASURED) if commanded else None, fresh)]
     return Recording(
         name=name,
         time=time,
         q=q,
-        dq=dq,
+        dq=slopes if dq is None else np.where(np.isfinite(dq), dq, slopes),
         u=u,
         fresh=fresh,
         quantum=quantum,
@@ -189,12 +172,12 @@ def _check_torques(name: str, table: Table, pairs: Collection[tuple[str, ...]]) 
 def _clean(name: str, table: Table) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Rows with a time and both angles, and their times from 0 on one clock."""
     time = table.values["time"]
-    angles = _first(table.values, _POSITIONS)
+    angles = _pair(table.values, _POSITIONS)
     assert angles is not None
     rows = np.flatnonzero(np.isfinite(time) & np.isfinite(angles).all(axis=1))
-    if len(rows) < LEAST_ROWS:
+    if len(rows) < MINIMUM_ROWS:
         raise SwingupError(
-            f"{name} has {len(rows)} rows with a time and both angles: at least {LEAST_ROWS} are needed"
+            f"{name} has {len(rows)} rows with a time and both angles: at least {MINIMUM_ROWS} are needed"
         )
     notes = []
     if lacking := len(time) - len(rows):
@@ -202,9 +185,9 @@ def _clean(name: str, table: Table) -> tuple[np.ndarray, np.ndarray, list[str]]:
     time = time[rows]
     steps = np.diff(time)
     period = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
-    longest = longest_step(period) if period < SLOWEST_PERIOD else 20 * period
+    longest = longest_step(period) if period < MAXIMUM_PERIOD else 20 * period
     keep, clock, restarts, spread = one_clock(time, longest, 2 * longest)
-    if np.count_nonzero(~keep) > MOST_FAULTS * len(time):
+    if np.count_nonzero(~keep) > MAXIMUM_FAULTS * len(time):
         cells = np.nan_to_num(np.column_stack(list(table.values.values()))[rows])
         twice = np.append(False, np.all(np.diff(cells, axis=0) == 0, axis=1))
         if twice.any():
@@ -213,7 +196,7 @@ def _clean(name: str, table: Table) -> tuple[np.ndarray, np.ndarray, list[str]]:
         keep, clock, restarts, spread = one_clock(time, longest, 2 * longest)
         steps = np.diff(time)
     faults = int(np.count_nonzero(~keep))
-    if faults > MOST_FAULTS * len(time):
+    if faults > MAXIMUM_FAULTS * len(time):
         worst = int(np.flatnonzero(steps <= 0)[0])
         raise SwingupError(
             f"{name}: time {time[worst + 1]:g} comes after {time[worst]:g}, and so in {faults} rows: keep rows in "
@@ -228,32 +211,40 @@ def _clean(name: str, table: Table) -> tuple[np.ndarray, np.ndarray, list[str]]:
     return rows[keep], clock, notes
 
 
-def _held(time: np.ndarray, torques: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Torques of which some are missing: the last one holds, but not across a gap, where it is 0; and a note."""
+def _torques(time: np.ndarray, values: Mapping[str, np.ndarray]) -> tuple[np.ndarray, bool, list[str]]:
+    """Torques of all rows, whether they are commands, and a note where some are missing."""
+    given = _pair(values, _COMMANDS)
+    if given is None:
+        return np.zeros((len(time), 2)), False, []
+    # The last torque holds, but not across a gap, where the motors rest.
     longest = longest_step(float(np.median(np.diff(time))))
-    known = np.isfinite(torques)
+    known = np.isfinite(given)
     last = np.maximum.accumulate(np.where(known, np.arange(len(time))[:, None], -1), axis=0)
     recent = (last >= 0) & (time[:, None] - time[last] <= longest)
+    u = np.where(recent, np.take_along_axis(given, last, axis=0), 0.0)
+    # Measured torques stand in for commands that a log lacks. Pushes come on top of commands alone.
+    commanded = "tau_meas1" not in _names(values, _COMMANDS)
+    pushes = _pair(values, _PUSHES) if commanded else None
     # A joint without any torque has no motor.
     lacking = float(np.mean(~known[:, known.any(axis=0)].all(axis=1)))
     note = f"torques are missing in {lacking:.0%} of the rows: the last one holds for at most {longest:.2g} s"
-    return np.where(recent, np.take_along_axis(torques, last, axis=0), 0.0), [note] * (lacking > LEAST_LACKING)
+    return u if pushes is None else u + np.nan_to_num(pushes), commanded, [note] * (lacking > NOTABLE_SHARE)
 
 
 def sensors(recordings: Sequence[Recording]) -> dict[str, float | str]:
-    """What a domain says of the sensors: the coarsest quanta, and whether velocities are differences of angles."""
+    """A domain's entries for the sensors: the coarsest quanta, and whether velocities are differences of angles."""
     quanta = np.max([recording.quantum for recording in recordings], axis=0)
     slack = np.median([np.median(np.abs(each.dq - _differences(each.time, each.q))) for each in recordings])
     source = "differences" if slack < DIFFERENCES else "driver"
     return {"quantum1": float(quanta[0]), "quantum2": float(quanta[1]), "velocities": source}
 
 
-def _names(columns: dict[str, np.ndarray], group: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
+def _names(columns: Mapping[str, np.ndarray], group: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
     """The first complete choice of a group."""
     return next((names for names in group if set(names) <= set(columns)), ())
 
 
-def _first(columns: dict[str, np.ndarray], group: tuple[tuple[str, ...], ...]) -> np.ndarray | None:
+def _pair(columns: Mapping[str, np.ndarray], group: tuple[tuple[str, ...], ...]) -> np.ndarray | None:
     names = _names(columns, group)
     return np.column_stack([columns[name] for name in names]) if names else None
 
@@ -273,14 +264,10 @@ def _quantum(angle: np.ndarray) -> float:
 
 
 def _fresh_rows(
-    q: np.ndarray,
-    quantum: tuple[float, float],
-    time: np.ndarray,
-    dq: np.ndarray | None,
-    measured: np.ndarray | None,
+    q: np.ndarray, quantum: tuple[float, float], time: np.ndarray, values: Mapping[str, np.ndarray]
 ) -> np.ndarray:
     """False where a row repeats all measurements although the pendulum moves."""
-    parts = [part for part in (q, dq, measured) if part is not None]
+    parts = [part for part in (q, _pair(values, _VELOCITIES), _pair(values, _MEASURED)) if part is not None]
     same = np.all([np.all(np.diff(part, axis=0) == 0, axis=1) for part in parts], axis=0)
     # The mean speed over five rows to each side: one repeated row alone would show no speed.
     speed = np.abs(slopes_of(time, q, reach=min(5, len(time) // 2)))

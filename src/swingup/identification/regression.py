@@ -7,7 +7,7 @@ of a span's impulse has the covariance of two kinds of noise, of velocities and 
     C = M(q) R σv² Rᵀ M(q)ᵀ + στ²,
 
 with the measured velocities' noise σv, 10 % of their changes, and the torques' στ, 5 % of the torques as they are
-read. R takes measured velocities to those of the equations (``Reading``). Weak expectations around the starting
+read. R maps measured velocities to those of the equations (``ColumnMap``). Weak expectations around the starting
 plant decide on what the motion leaves open.
 """
 
@@ -23,50 +23,43 @@ from ..plant.equations import ARRAYS, mass_entries
 from ..plant.momentum import momentum_rows
 from .prediction import INDEX, Integration
 from .recording import Recording
-from .segments import LEAST_SPEED, REACH, Segments, cut
+from .segments import MINIMUM_SPEED, REACH, Layout, Segments, cut
 from .unknowns import expectations
 
-SPAN = 0.05
-"""Time over which momenta change (s)."""
-POINTS = 10
-"""Rows that are summed for it."""
+SPAN = 0.05  # time over which momenta change (s)
+POINTS = 10  # rows that are summed for it
 STEP = SPAN / POINTS
 """Time between the states of a span (s): momenta are those of the middles between two of them."""
 OFFSETS = STEP * (np.arange(POINTS + 2) - 0.5)
 """Times of its states (s): the first and the last middle are its ends."""
 AGES = np.array([0.0, 0.004, 0.008, 0.016])
 """Ages of a command when it acts (s), of which the likeliest is taken."""
-MOST_SPANS = 400
-LEAST_SPANS = 15
-"""Spans from which columns are judged."""
+MAXIMUM_SPANS = 400
+MINIMUM_SPANS = 15  # spans from which columns are judged
 
-VELOCITY_NOISE, TORQUE_NOISE = 0.1, 0.05
-"""Noise as a share of the changes of velocity, and of the torques."""
-LARGEST_FACTOR = 10.0
-"""Largest factor between masses and inertias and the starting plant's."""
-MASS_SPREAD = 0.7
-"""Expected deviation of masses and inertias, as a share of the starting plant's."""
-PRIOR = 1e-3
-"""Weight of the expectations, relative to the mean error."""
+VELOCITY_NOISE, TORQUE_NOISE = 0.1, 0.05  # noise as a share of the changes of velocity, and of the torques
+MAXIMUM_FACTOR = 10.0  # largest factor between masses and inertias and the starting plant's
+MASS_SPREAD = 0.7  # expected deviation of masses and inertias, as a share of the starting plant's
+PRIOR = 1e-3  # weight of the expectations, relative to the mean error
 ROUNDS = 3
 
 
 @dataclass(frozen=True)
-class Reading:
-    """How a log's columns are read: q = angles m + shift, q̇ = angles ṁ and u = torques m."""
+class ColumnMap:
+    """From a log's columns m to the equations: q = angles m + shift, q̇ = angles ṁ and u = torques m."""
 
     angles: Float[np.ndarray, "2 2"]
     shift: Float[np.ndarray, "2"]
     torques: Float[np.ndarray, "2 2"]
 
-    def then(self, other: "Reading") -> "Reading":
-        """This reading, then another."""
-        return Reading(
+    def then(self, other: "ColumnMap") -> "ColumnMap":
+        """This map, then another."""
+        return ColumnMap(
             other.angles @ self.angles, other.angles @ self.shift + other.shift, other.torques @ self.torques
         )
 
 
-AS_IS = Reading(np.eye(2), np.zeros(2), np.eye(2))
+AS_IS = ColumnMap(np.eye(2), np.zeros(2), np.eye(2))
 
 
 @dataclass(frozen=True)
@@ -74,22 +67,19 @@ class Solution:
     """A solution of the regression."""
 
     values: Mapping[str, float]
-    unexplained: float
-    """Share of the changes of velocity that is left, beyond what noise of the torques explains."""
-    cost: float
-    """Twice the negative logarithm of the likelihood, a number; smaller is better."""
-    bounded: bool
-    """Whether a mass or an inertia ends at its bound."""
+    unexplained: float  # share of the velocity changes, less what torque noise explains
+    cost: float  # twice the negative logarithm of the likelihood, per equation; smaller is better
+    bounded: bool  # whether a mass or an inertia ends at its bound
 
 
-def cut_spans(recording: Recording, least_speed: float = LEAST_SPEED) -> Segments:
+def cut_spans(recording: Recording, minimum_speed: float = MINIMUM_SPEED) -> Segments:
     """Segments of 50 ms in which a joint moves, with the impulse at both ends for each age of the commands."""
     starts = np.arange(2 * REACH, recording.duration - SPAN - REACH, SPAN)
     grid = (np.array([0.0, SPAN]) - AGES[:, None]).ravel()
-    spans = cut(recording, starts, OFFSETS, (grid, 0.0), OFFSETS, SPAN, least_speed=least_speed)
-    if len(spans) <= MOST_SPANS:
+    spans = cut(recording, starts, Layout(SPAN, OFFSETS, OFFSETS, grid, 0.0), minimum_speed=minimum_speed)
+    if len(spans) <= MAXIMUM_SPANS:
         return spans
-    return spans.take(np.linspace(0, len(spans) - 1, MOST_SPANS).astype(int))
+    return spans.take(np.linspace(0, len(spans) - 1, MAXIMUM_SPANS).astype(int))
 
 
 def regress(
@@ -97,20 +87,20 @@ def regress(
     spans: Segments,
     start: Float[np.ndarray, "15"],
     driven: bool,
-    reading: Reading = AS_IS,
+    columns: ColumnMap = AS_IS,
     ages: int = len(AGES),
-    largest: float = LARGEST_FACTOR,
+    maximum_factor: float = MAXIMUM_FACTOR,
 ) -> Solution:
     """Base parameters, masses and inertias within a factor of the start's; without torques k is the start's."""
-    problem = _Problem(setting, spans, start, driven, reading, largest)
-    impulses = np.diff(spans.impulse.reshape(len(spans), len(AGES), 2, 2), axis=2)[:, :, 0] @ reading.torques.T
+    problem = _Problem(setting, spans, start, driven, columns, maximum_factor)
+    impulses = np.diff(spans.impulse.reshape(len(spans), len(AGES), 2, 2), axis=2)[:, :, 0] @ columns.torques.T
     # 4 ms first, the usual age: where one age is enough, it is this one.
     order = (1, 0, 2, 3)[:ages] if driven else (0,)
     return min((problem.solve(impulses[:, age]) for age in order), key=lambda solution: solution.cost)
 
 
 class _Problem:
-    """The rows of one reading, whatever the impulses."""
+    """The equations under one map of the columns, whatever the age of the impulses."""
 
     def __init__(
         self,
@@ -118,19 +108,19 @@ class _Problem:
         spans: Segments,
         start: np.ndarray,
         driven: bool,
-        reading: Reading,
-        largest: float,
+        columns: ColumnMap,
+        maximum_factor: float,
     ) -> None:
         q = spans.states[..., :2]
         change = (q[:, -1] - q[:, -2] - q[:, 1] + q[:, 0]) / STEP
         self.noise = VELOCITY_NOISE * np.sqrt(np.mean(change**2, axis=0)) + 1e-9
-        q = q @ reading.angles.T + reading.shift
+        q = q @ columns.angles.T + columns.shift
         self.setting, self.elbow = setting, q[:, POINTS // 2, 1]
         self.rows = regression_matrix(setting, q).reshape(-1, 2, BASE)
-        self.reading = reading
-        self.low, self.high, self.centre, self.spread = _expected(setting, start, driven, largest)
+        self.columns = columns
+        self.low, self.high, self.centre, self.spread = _expected(setting, start, driven, maximum_factor)
         if driven:
-            impulse = np.diff(spans.impulse[:, :2], axis=1) @ reading.torques.T
+            impulse = np.diff(spans.impulse[:, :2], axis=1) @ columns.torques.T
             level = np.sqrt(np.mean(impulse**2))
         else:  # gravity's torque is all that there is
             level = np.sqrt(np.mean((self.rows[..., INDEX["k"]] * self.centre[INDEX["k"]]) ** 2))
@@ -158,7 +148,7 @@ class _Problem:
             {name: float(value) for name, value in zip(BASE_NAMES, found, strict=True)},
             VELOCITY_NOISE * np.sqrt(size),
             float(np.log(size + 1e-12) + 0.5 * logarithm + PRIOR * deviation @ deviation),
-            bool(masses.min() < 1.01 / LARGEST_FACTOR or masses.max() > 0.99 * LARGEST_FACTOR),
+            bool(masses.min() < 1.01 / MAXIMUM_FACTOR or masses.max() > 0.99 * MAXIMUM_FACTOR),
         )
 
     def _solve(self, matrix: np.ndarray, right: np.ndarray, weight: float) -> np.ndarray:
@@ -167,7 +157,7 @@ class _Problem:
         left = np.append(right - matrix @ self.centre, np.zeros(BASE))
         deviation: np.ndarray = np.linalg.solve(rows.T @ rows, rows.T @ left)
         low, high = (self.low - self.centre) / self.spread, (self.high - self.centre) / self.spread
-        # Bounds rarely matter, and a scan solves hundreds of readings.
+        # Bounds rarely matter, and hundreds of maps are tried.
         if np.any(deviation < low) or np.any(deviation > high):
             # The same least squares in as many rows as there are parameters, not in hundreds.
             turned, triangle = np.linalg.qr(rows)
@@ -178,7 +168,7 @@ class _Problem:
         """C^(-1/2) of each span, and the mean logarithm of |C| over that of the velocities' noise alone."""
         m11, m12, m22 = np.broadcast_arrays(*mass_entries(lumped(found, self.setting.geometry), np.cos(self.elbow)))
         mass = np.stack([np.stack([m11, m12], -1), np.stack([m12, m22], -1)], -2)
-        moved = mass @ self.reading.angles * self.noise
+        moved = mass @ self.columns.angles * self.noise
         # A mass matrix may come out singular on the way.
         covariance = moved @ np.swapaxes(moved, 1, 2) + (self.level**2 + 1e-18) * np.eye(2)
         root = np.linalg.cholesky(covariance)
@@ -187,14 +177,16 @@ class _Problem:
         return np.linalg.inv(root), float(np.mean(logarithm))
 
 
-def _expected(setting: Integration, start: np.ndarray, driven: bool, largest: float) -> tuple[np.ndarray, ...]:
+def _expected(
+    setting: Integration, start: np.ndarray, driven: bool, maximum_factor: float
+) -> tuple[np.ndarray, ...]:
     """Bounds, centres and spreads of the base parameters."""
     rows = expectations(setting, start, commanded=True)
     centre, spread = np.array([(rows[name].centre, rows[name].scale) for name in BASE_NAMES]).T
     spread[:4] *= MASS_SPREAD
     # Masses and inertias come first, frictions and rotors after them.
     low, high = np.zeros(BASE), np.full(BASE, np.inf)
-    low[:4], high[:4] = centre[:4] / largest, centre[:4] * largest
+    low[:4], high[:4] = centre[:4] / maximum_factor, centre[:4] * maximum_factor
     if not driven:
         # Without torques the equations give ratios alone: this parameter stays. The solver refuses equal bounds.
         k = INDEX["k"]

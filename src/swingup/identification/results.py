@@ -19,18 +19,14 @@ RATIOS = tuple(name for name in BASE_NAMES if name != "k")
 SESSION_ENTRIES = (*NAMES[9:12], *NAMES[13:])
 """Entries that each session has: offsets, the gain of both motors, delay and lag."""
 
-LEVEL = 0.95
-"""Probability of an interval."""
-NARROW_INTERVAL = 0.25
-"""An interval as wide as this part of its value, or narrower, is determined."""
-OFFSET_SIZE = 0.1
-"""What the interval of an offset is measured by (rad): its value may be 0."""
+LEVEL = 0.95  # probability of an interval
+NARROW_INTERVAL = 0.25  # an interval as wide as this part of its value, or narrower, is determined
+OFFSET_SIZE = 0.1  # what the interval of an offset is measured by (rad): its value may be 0
 WIDEST_INTERVAL = (
     f"{100 * NARROW_INTERVAL:g} % of the value, or {1e3 * NARROW_INTERVAL * OFFSET_SIZE:g} mrad of an offset"
 )
 """The same in words."""
-SCALE_SPREAD = 0.5
-"""Standard deviation of the logarithm of a common factor that no torque fixes."""
+SCALE_SPREAD = 0.5  # standard deviation of the logarithm of a common factor that no torque fixes
 FEW_WINDOWS = 10
 
 Interval = tuple[float, float]
@@ -63,7 +59,7 @@ def read_solution(
     for session in range(len(unknowns.place)):
         total, delay, lag = (name + _tail(session) for name in (DEAD_TIME, "delay", "lag"))
         found[total], sampled[total] = found[delay] + found[lag], sampled[delay] + sampled[lag]
-        # The draws let delay and lag exchange beyond their bounds (bootstrap.py), but no lag is below 0.
+        # The draws let delay and lag exchange beyond their bounds (fit.py), but no lag is below 0.
         sampled[lag] = np.maximum(sampled[lag], 0.0)
         if {delay, lag} & free:
             free.add(total)
@@ -118,7 +114,7 @@ def _add_ratios(found: dict[str, float], sampled: dict[str, np.ndarray], free: s
 def make_notes(
     recordings: Sequence[Recording], problem: Problem, estimates: Estimates, fitted: int, judged: int
 ) -> tuple[str, ...]:
-    """What a user should know, one line each: the warnings of all logs, and what the fit leaves open and why.
+    """Notes for the user, one line each: the warnings of all logs, and what the fit leaves open and why.
 
     ``fitted`` and ``judged`` are numbers of windows.
     """
@@ -127,7 +123,7 @@ def make_notes(
         notes.append(f"only {fitted} windows have a joint faster than 1 rad/s: the logs determine next to nothing")
     if not judged:
         notes.append("no held-out window has a joint faster than 1 rad/s: there are no errors to report")
-    notes.append("of masses and centres of mass, motion tells m1 r1 + m2 l1, m2 r2 and I1 + m2 l1^2 alone")
+    notes.append("of masses and centres of mass, motion determines m1 r1 + m2 l1, m2 r2 and I1 + m2 l1^2 alone")
     notes.append(_scale(problem))
     delay, lag, total = (estimates.determined.get(name, False) for name in ("delay", "lag", DEAD_TIME))
     if total and not (delay and lag):

@@ -20,18 +20,15 @@ from scipy.interpolate import CubicHermiteSpline
 from ..loop.domain import Domain
 from ..loop.loop import LOOP_DT
 from .fit import fit_start
-from .prediction import CHUNK, INDEX, LARGEST_ERROR, NAMES, Integration, in_loop, integration_of, predict, vector_of
+from .prediction import CHUNK, INDEX, MAXIMUM_ERROR, NAMES, Integration, in_loop, integration_of, predict, vector_of
 from .recording import Recording
 from .segments import FIT_LENGTH, INTERVAL, REACH, Segments, cut_windows, join, smooth
 from .unknowns import LATENCY, Problem
 
-HORIZONS = (0.1, 0.25, 0.5)
-"""s"""
+HORIZONS = (0.1, 0.25, 0.5)  # s
 LENGTH = max(HORIZONS)
-WHOLE_LOGS = 3
-"""From this number of logs on, one is held out whole."""
-HELD_SHARE = 0.25
-"""Share of the windows of each log that are held out, at its end, where there are fewer logs."""
+WHOLE_LOGS = 3  # from this number of logs on, one is held out whole
+HELD_SHARE = 0.25  # share of the windows of each log that are held out, at its end, where there are fewer logs
 
 
 @dataclass(frozen=True)
@@ -39,18 +36,13 @@ class ErrorRow:
     """Errors of some windows after one time."""
 
     windows: int
-    angle: float | None
-    """Root mean square over windows and joints (rad); None without windows."""
-    velocity: float | None
-    """Root mean square of the velocities' errors (rad/s)."""
-    angle_median: float | None
-    """Median over windows of the root mean square over joints (rad)."""
-    velocity_median: float | None
-    """Median over windows of the root mean square over joints (rad/s)."""
+    angle: float | None  # root mean square over windows and joints (rad); None without windows
+    velocity: float | None  # root mean square of the velocities' errors (rad/s)
+    angle_median: float | None  # median over windows of the root mean square over joints (rad)
+    velocity_median: float | None  # median over windows of the root mean square over joints (rad/s)
 
 
-Errors = Mapping[str, ErrorRow]
-"""By horizon (s), as in "0.25"."""
+Errors = Mapping[str, ErrorRow]  # by horizon (s), as in "0.25"
 
 
 def score_windows(recordings: Sequence[Recording]) -> Segments:
@@ -66,7 +58,7 @@ def prediction_errors(
     for log in np.unique(windows.log):
         rows = windows.log == log
         errors[rows] = predict(setting, models[log], windows.take(rows)) - windows.states[rows, 1:]
-    return np.clip(np.nan_to_num(errors, nan=LARGEST_ERROR), -LARGEST_ERROR, LARGEST_ERROR)
+    return np.clip(np.nan_to_num(errors, nan=MAXIMUM_ERROR), -MAXIMUM_ERROR, MAXIMUM_ERROR)
 
 
 def summarise(errors: Float[np.ndarray, "windows outputs 4"], horizons: Sequence[float] = HORIZONS) -> Errors:
@@ -127,26 +119,19 @@ def prediction_skill(
     return float(min(np.median(np.linalg.norm(each, axis=1)) for each in errors) / max(np.median(moved), 1e-9))
 
 
-LONGEST_HORIZON = 1.0
-"""The longest horizon (s)."""
-SPEED_HORIZON = 0.25
-"""Horizon of the errors by speed (s)."""
-SPEED_GROUPS = 4
-"""Groups of equally many windows, from slow to fast."""
-DRAWN_STEP = 0.01
-"""Time between the states of a curve (s)."""
-LARGEST_DRAWN = 1e3
-"""A state beyond this (rad, rad/s) has diverged: it is not drawn."""
+MAXIMUM_HORIZON = 1.0  # the longest horizon (s)
+SPEED_HORIZON = 0.25  # horizon of the errors by speed (s)
+SPEED_GROUPS = 4  # groups of equally many windows, from slow to fast
+DRAWN_STEP = 0.01  # time between the states of a curve (s)
+MAXIMUM_DRAWN = 1e3  # A state beyond this (rad, rad/s) has diverged: it is not drawn
 
 
 @dataclass(frozen=True)
 class SpeedRow:
     """Errors of the windows whose fastest joint is within a range of speeds."""
 
-    slowest: float
-    """rad/s"""
-    fastest: float
-    """rad/s"""
+    slowest: float  # rad/s
+    fastest: float  # rad/s
     errors: ErrorRow
 
 
@@ -154,11 +139,9 @@ class SpeedRow:
 class OpenLoop:
     """What a plant predicts of a log."""
 
-    name: str
-    """Name of the plant."""
+    name: str  # name of the plant
     setting: Integration
-    model: Float[np.ndarray, "15"]
-    """``prediction.NAMES``"""
+    model: Float[np.ndarray, "15"]  # ``prediction.NAMES``
     fitted: tuple[str, ...]
     """Those of delay and lag that were fitted to this log, since plant and domain do not say them."""
     horizons: Errors
@@ -182,16 +165,16 @@ def predict_log(recording: Recording, domain: Domain, name: str) -> OpenLoop:
     """
     plant = domain.nominal_plant
     setting, start = integration_of(plant), _start(domain, vector_of(plant))
-    # What the domain says is judged as it is; what it leaves open must not spoil the plant's errors.
+    # Values of the domain are judged as they are. What it leaves open must not count as an error of the plant.
     said = {"lag", *domain.names} if "response" in domain.names else {*domain.names}
     known = {each: float(start[INDEX[each]]) for each in LATENCY if each in said}
     # Without torques nothing is late.
     fitted = tuple(each for each in LATENCY if each not in known) if any(recording.driven) else ()
     problem = Problem(setting, start, [recording], [0], known)
     model = fit_start(problem, cut_windows(recording, FIT_LENGTH))[0] if fitted else start
-    short, long = score_windows([recording]), cut_windows(recording, LONGEST_HORIZON)
+    short, long = score_windows([recording]), cut_windows(recording, MAXIMUM_HORIZON)
     near, far = (prediction_errors(setting, model[None], windows) for windows in (short, long))
-    errors = {**summarise(near), **summarise(far, [LONGEST_HORIZON])}
+    errors = {**summarise(near), **summarise(far, [MAXIMUM_HORIZON])}
     return OpenLoop(name, setting, model, fitted, errors, by_speed(short, near))
 
 
@@ -221,7 +204,7 @@ def predicted_curves(setting: Integration, model: Float[np.ndarray, "15"], windo
     states = np.nan_to_num(states, nan=1e9, posinf=1e9, neginf=-1e9)
     curve = CubicHermiteSpline(windows.offsets, states[..., :2], states[..., 2:], axis=1)
     found = np.concatenate([curve(offsets), curve.derivative()(offsets)], axis=-1)
-    return replace(windows, offsets=offsets, states=np.where(np.abs(found) < LARGEST_DRAWN, found, np.nan))
+    return replace(windows, offsets=offsets, states=np.where(np.abs(found) < MAXIMUM_DRAWN, found, np.nan))
 
 
 def smoothed(recording: Recording, period: float) -> tuple[np.ndarray, np.ndarray]:

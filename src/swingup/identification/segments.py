@@ -9,19 +9,17 @@ taken. Rows that repeat a measurement are left out. The smoother knows no dynami
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from .log_checks import LEAST_ROWS
+from .log_checks import MINIMUM_ROWS
 from .recording import Recording
 
-REACH = 0.02
-"""Half width of the polynomial's support (s)."""
-DEGREE = 3
-"""A parabola's slope would be wrong by q''' (20 ms)² / 10, which is 2 rad/s on links of 5 cm."""
-CHUNK = 4096
-"""Times that are smoothed at once, which bounds the memory."""
+REACH = 0.02  # half width of the polynomial's support (s)
+DEGREE = 3  # A parabola's slope would be wrong by q''' (20 ms)² / 10, which is 2 rad/s on links of 5 cm
+CHUNK = 4096  # times that are smoothed at once, which bounds the memory
 
 
 def smooth(recording: Recording, times: Float[np.ndarray, "times"]) -> Float[np.ndarray, "times 4"]:
@@ -53,29 +51,22 @@ def _supports(time: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarr
     # A millionth of a second more, so that rounding does not decide on the rows at the ends.
     low = np.searchsorted(time, times - REACH - 1e-6, "left")
     high = np.searchsorted(time, times + REACH + 1e-6, "right")
-    least = min(LEAST_ROWS, len(time))
+    least = min(MINIMUM_ROWS, len(time))
     nearest = np.clip(np.searchsorted(time, times) - least // 2, 0, len(time) - least)
     few = high - low < least
     return np.where(few, nearest, low), np.where(few, nearest + least, high)
 
 
-STRIDE = 0.1
-"""Time between the starts of two windows (s)."""
-FIT_LENGTH = 0.25
-"""Length of the windows of a fit (s)."""
-INTERVAL = 0.05
-"""Time between the states of a window (s)."""
-LEAST_SPEED = 1.0
-"""A segment in which no joint is faster (rad/s) says little: it is left out."""
+STRIDE = 0.1  # time between the starts of two windows (s)
+FIT_LENGTH = 0.25  # length of the windows of a fit (s)
+INTERVAL = 0.05  # time between the states of a window (s)
+MINIMUM_SPEED = 1.0  # A segment in which no joint is faster (rad/s) says little: it is left out
 
-TORQUE_STEP = 0.0005
-"""Spacing of the torques' integral over a window (s)."""
+TORQUE_STEP = 0.0005  # spacing of the torques' integral over a window (s)
 HISTORY = 0.06
 """Torques before the start of a window that are kept (s): the largest delay, and what a lag remembers."""
-AHEAD = 0.02
-"""Torques after the end of a window that are kept (s): measured torques may be late."""
-BY_SEGMENT = ("log", "start", "states", "impulse")
-"""Fields with an entry for each segment."""
+AHEAD = 0.02  # torques after the end of a window that are kept (s): measured torques may be late
+BY_SEGMENT = ("log", "start", "states", "impulse")  # fields with an entry for each segment
 
 
 @dataclass(frozen=True)
@@ -107,7 +98,7 @@ class Segments:
 
 
 def cut_windows(
-    recording: Recording, length: float, stride: float = STRIDE, log: int = 0, least_speed: float = LEAST_SPEED
+    recording: Recording, length: float, stride: float = STRIDE, log: int = 0, minimum_speed: float = MINIMUM_SPEED
 ) -> Segments:
     """Windows of ``length`` (s) every ``stride`` (s), with states ``INTERVAL`` apart.
 
@@ -120,37 +111,39 @@ def cut_windows(
     offsets = INTERVAL * np.arange(round(length / INTERVAL) + 1)
     grid = TORQUE_STEP * np.arange(round((HISTORY + length + AHEAD) / TORQUE_STEP) + 1)
     # Speeds every 10 ms: a joint may be fast between two states.
-    looks = 0.01 * np.arange(round(length / 0.01) + 1)
-    return cut(recording, starts, offsets, (grid, HISTORY), looks, length, log, least_speed)
+    speeds = 0.01 * np.arange(round(length / 0.01) + 1)
+    return cut(recording, starts, Layout(length, offsets, speeds, grid, HISTORY), log, minimum_speed)
+
+
+class Layout(NamedTuple):
+    """Times of a segment after its start (s)."""
+
+    length: float
+    states: Float[np.ndarray, "points"]
+    speeds: Float[np.ndarray, "looks"]  # at which joints may be fast
+    impulse: Float[np.ndarray, "grid"]  # after ``history`` before the start
+    history: float
 
 
 def cut(
     recording: Recording,
     starts: Float[np.ndarray, "starts"],
-    offsets: Float[np.ndarray, "points"],
-    grid: tuple[Float[np.ndarray, "grid"], float],
-    looks: Float[np.ndarray, "looks"],
-    length: float,
+    layout: Layout,
     log: int = 0,
-    least_speed: float = LEAST_SPEED,
+    minimum_speed: float = MINIMUM_SPEED,
 ) -> Segments:
-    """Segments with these starts (s) that cross no gap and in which a joint is faster than ``least_speed``.
-
-    Offsets are times of the states after a start (s), looks those at which speeds are looked at. The grid has times
-    of the impulse (s), after a start that is so much (s) earlier than that of the states. No gap may lie within
-    ``length`` (s).
-    """
+    """Segments with these starts (s) that cross no gap and in which a joint is faster than ``minimum_speed``."""
     gaps = np.flatnonzero(recording.gaps)
     reach = max(REACH, 3.0 * recording.period)
     for begin, end in zip(recording.time[gaps], recording.time[gaps + 1], strict=True):
         # The smoother looks beyond both ends.
-        starts = starts[(end <= starts - reach) | (begin >= starts + length + reach)]
-    # Before the states and impulses, which are far more numbers, of segments that are then left out.
-    speeds = np.abs(_smoothed(recording, starts[:, None] + looks)[..., 2:]).max(axis=(1, 2), initial=0.0)
-    starts = starts[speeds > least_speed]
-    states = _smoothed(recording, starts[:, None] + offsets)
-    impulse = cumulative_torque(recording, starts[:, None] + grid[0] - grid[1])
-    return Segments(np.full(len(starts), log), starts, offsets, states, impulse)
+        starts = starts[(end <= starts - reach) | (begin >= starts + layout.length + reach)]
+    # Speeds first: states and impulses are far more numbers, and most starts of a log at rest are left out.
+    speeds = np.abs(_smoothed(recording, starts[:, None] + layout.speeds)[..., 2:]).max(axis=(1, 2), initial=0.0)
+    starts = starts[speeds > minimum_speed]
+    states = _smoothed(recording, starts[:, None] + layout.states)
+    impulse = cumulative_torque(recording, starts[:, None] + layout.impulse - layout.history)
+    return Segments(np.full(len(starts), log), starts, layout.states, states, impulse)
 
 
 def join(parts: Sequence[Segments]) -> Segments:

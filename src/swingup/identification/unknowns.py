@@ -19,7 +19,7 @@ from jaxtyping import Float, Int
 from ..common.checks import finite_number, one_of
 from ..common.errors import SwingupError
 from ..plant.base_parameters import BASE_NAMES
-from .prediction import INDEX, LEAST_LAG, NAMES, Integration
+from .prediction import INDEX, MINIMUM_LAG, NAMES, Integration
 from .recording import Recording
 
 MASSES = ("A", "B", "m2r2", "k", "Ir")
@@ -29,7 +29,7 @@ KNOWN_NAMES = {
 }  # fmt: skip
 """Names that a user gives, and the model's."""
 LATENCY = ("delay", "lag")
-LEAST_DELAY, MOST_DELAY, MOST_LAG = -0.015, 0.025, 0.015
+MINIMUM_DELAY, MAXIMUM_DELAY, MAXIMUM_LAG = -0.015, 0.025, 0.015
 """Bounds of the fit (s). Below 0 only torques that were measured, and so late themselves."""
 
 
@@ -38,8 +38,7 @@ class Expectation(NamedTuple):
 
     centre: float
     scale: float
-    spread: float
-    """Standard deviation of the expectation, in scales."""
+    spread: float  # standard deviation of the expectation, in scales
     low: float
     high: float
 
@@ -48,19 +47,15 @@ class Expectation(NamedTuple):
 class Unknowns:
     """The vector z of a fit and how the sessions' models follow from it."""
 
-    sessions: Int[np.ndarray, "logs"]
-    """Session of each recording."""
+    sessions: Int[np.ndarray, "logs"]  # session of each recording
     entries: Int[np.ndarray, "unknowns"]
     """Place of each unknown in the model's vector; ``gain1`` stands for both gains."""
-    place: Int[np.ndarray, "sessions 15"]
-    """Unknown behind each entry of each session's model, or -1."""
-    fixed: Float[np.ndarray, "sessions 15"]
-    """Values of the entries that are not unknown."""
+    place: Int[np.ndarray, "sessions 15"]  # unknown behind each entry of each session's model, or -1
+    fixed: Float[np.ndarray, "sessions 15"]  # values of the entries that are not unknown
     centre: Float[np.ndarray, "unknowns"]
     scale: Float[np.ndarray, "unknowns"]
     spread: Float[np.ndarray, "unknowns"]
-    low: Float[np.ndarray, "unknowns"]
-    """Bounds of z."""
+    low: Float[np.ndarray, "unknowns"]  # bounds of z
     high: Float[np.ndarray, "unknowns"]
 
     def __len__(self) -> int:
@@ -114,9 +109,9 @@ def expectations(setting: Integration, start: Float[np.ndarray, "15"], commanded
         found[f"offset{joint}"] = Expectation(0.0, 0.02, 2.5, -0.25, 0.25)
     found["gain1"] = Expectation(1.0, 0.2, 1.5, 0.2, 3.0)
     # Measured torques may be later than those that act.
-    middle, least = (0.003, 0.0) if commanded else (0.0, LEAST_DELAY)
-    found["delay"] = Expectation(middle, 0.004, 1.5, least, MOST_DELAY)
-    found["lag"] = Expectation(0.0025, 0.002, 1.0, LEAST_LAG, MOST_LAG)
+    middle, least = (0.003, 0.0) if commanded else (0.0, MINIMUM_DELAY)
+    found["delay"] = Expectation(middle, 0.004, 1.5, least, MAXIMUM_DELAY)
+    found["lag"] = Expectation(0.0025, 0.002, 1.0, MINIMUM_LAG, MAXIMUM_LAG)
     return found
 
 
@@ -125,14 +120,10 @@ class Problem:
     """What all fits share."""
 
     setting: Integration
-    start: Float[np.ndarray, "15"]
-    """The starting plant's model."""
-    recordings: Sequence[Recording]
-    """Those that are fitted."""
-    sessions: Sequence[int]
-    """Session of each recording."""
-    known: Mapping[str, float]
-    """Entries of the model that the user knows."""
+    start: Float[np.ndarray, "15"]  # the starting plant's model
+    recordings: Sequence[Recording]  # those that are fitted
+    sessions: Sequence[int]  # session of each recording
+    known: Mapping[str, float]  # entries of the model that the user knows
 
     @property
     def driven(self) -> bool:
@@ -193,9 +184,9 @@ def known_entries(known: Mapping[str, float] | None) -> dict[str, float]:
     for name, value in (known or {}).items():
         entry = KNOWN_NAMES[one_of("known value", name.replace(" ", ""), KNOWN_NAMES)]
         # Delay and lag within the bounds of the fit; of other values a sign or a size is wrong.
-        least = 1e-9 if entry in (*MASSES[:4], "gain1") else LEAST_DELAY if entry == "delay" else 0.0
-        most = {"delay": MOST_DELAY, "lag": MOST_LAG}.get(entry, 1e3)
-        entries[entry] = max(finite_number(name, value, least, most), LEAST_LAG if entry == "lag" else least)
+        least = 1e-9 if entry in (*MASSES[:4], "gain1") else MINIMUM_DELAY if entry == "delay" else 0.0
+        most = {"delay": MAXIMUM_DELAY, "lag": MAXIMUM_LAG}.get(entry, 1e3)
+        entries[entry] = max(finite_number(name, value, least, most), MINIMUM_LAG if entry == "lag" else least)
     return entries
 
 

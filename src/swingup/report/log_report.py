@@ -39,7 +39,7 @@ TORQUES = ("u1 (N m)", "u2 (N m)")
 ERRORS = ("Angle RMS (rad)", "median", "Velocity RMS (rad/s)", "median")
 QUANTITIES = ("angle", "angle_median", "velocity", "velocity_median")
 MEASURED = ("Swing-up (s)", "Highest tip (%)", "Largest speed (rad/s)", "Energy (J)", "Torque cost (N² m² s)")
-MOST_LOGS = 3
+MAXIMUM_LOGS = 3
 """Logs whose held-out windows are drawn."""
 FITTED, START = 0, 1
 """Series of the fitted plant, and of the one that the fit started from."""
@@ -248,7 +248,7 @@ def _errors(found: Identification) -> Part:
 def _windows(found: Identification) -> list[Part]:
     """Held-out windows of the first logs that have some, one after another."""
     parts = []
-    for log in np.unique(found.windows.log)[:MOST_LOGS]:
+    for log in np.unique(found.windows.log)[:MAXIMUM_LOGS]:
         recording = found.recordings[log]
         windows = _apart(found.windows.take(np.flatnonzero(found.windows.log == log)))
         models = {"fitted": found.models, found.start_name: found.start_models}
