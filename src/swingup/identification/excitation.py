@@ -1,4 +1,4 @@
-"""From a prior and limits to an excitation: the fixed motion with the most information, as strong as the limits allow.
+"""Excitations: of a dozen fixed motions the one with the most information, as strong as the limits allow.
 
 The plant in the middle of the prior follows each motion by feedback; its torques and its motion, with the same
 feedback, are what a robot plays. So other plants move alike. Each is played on plants drawn from the prior and on
