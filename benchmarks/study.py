@@ -102,9 +102,10 @@ def cell(values: Sequence[float], digits: int = 3) -> str:
     """Interquartile mean and interval, and the number of seeds if there are fewer than three."""
     if not values:
         return "not run"
-    low, high = interquartile_interval(values)
+    if (interval := interquartile_interval(values)) is None:
+        return f"{values[0]:.{digits}f} (1 seed only)"
     few = f", {len(values)} seeds only" if len(values) < 3 else ""
-    return f"{interquartile_mean(values):.{digits}f} ({low:.{digits}f} to {high:.{digits}f}{few})"
+    return f"{interquartile_mean(values):.{digits}f} ({interval[0]:.{digits}f} to {interval[1]:.{digits}f}{few})"
 
 
 def share_of_wins(*tasks: np.ndarray, axis: int = -1) -> Any:

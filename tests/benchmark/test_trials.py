@@ -182,4 +182,4 @@ def test_the_middle_half():
     assert interquartile_mean([[70, 1], [3, 5], [2, 0], [6, 4]]) == 3.5
     # Three times the worst has the probability 1/27, more than 2.5 %.
     assert interquartile_interval([1.0, 5.0, 3.0]) == (1.0, 5.0)
-    assert interquartile_interval([2.0]) == (2.0, 2.0)
+    assert interquartile_interval([2.0]) is None

@@ -80,11 +80,11 @@ def interquartile_mean(scores: Any, axis: int | None = None) -> Any:
     return trim_mean(scores, 0.25, axis)
 
 
-def interquartile_interval(scores: Sequence[float]) -> Interval:
-    """Percentile bootstrap interval of the interquartile mean; a single score is both ends."""
+def interquartile_interval(scores: Sequence[float]) -> Interval | None:
+    """95 % percentile bootstrap interval of the interquartile mean; None for fewer than two scores."""
     from scipy.stats import bootstrap  # imported here: slow to load
 
-    if len(scores) == 1:
-        return scores[0], scores[0]
+    if len(scores) < 2:
+        return None
     found = bootstrap((scores,), interquartile_mean, method="percentile", rng=0).confidence_interval
     return float(found.low), float(found.high)

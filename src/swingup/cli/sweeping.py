@@ -14,8 +14,8 @@ from ..common.errors import SwingupError, quoted
 from ..learner.metrics import RESETS, REWARD_RATE, shown_rate
 from ..learner.run_folder import RunFolder
 from ..learner.run_settings import make_run_settings
-from ..sweep.runs import Job, Row, describe, parse_alternatives, plan_jobs, run_jobs, summarise, workers_for
-from ..sweep.search import best_trial, search
+from ..sweep.runs import Job, Row, describe, executor_for, parse_alternatives, plan_jobs, run_jobs, summarise
+from ..sweep.search import best_trial, search, trials_of
 from .arguments import NO_OPTIONS, PlantOptions, RobotName, plant_of, task_name
 from .output import Progress, tell, tell_json, tell_table
 from .training import RunOptions
@@ -71,20 +71,20 @@ def sweep_command(
     name = f"{task.replace('/', '-')}-{base.preset}"
     texts = _alternatives([word for words in set for word in words])
     if trials is not None:
-        with Progress() as progress, workers_for(scheduler, workers) as (pool, count):
+        with Progress() as progress, executor_for(scheduler, workers) as pool:
+            ended = itertools.count(1)
 
             def show_trial(trial: Any) -> None:
                 row = _trial_row(trial)
                 score = f"{row['error'] or row['state']} {shown_rate(row['score'])}"
                 progress.log(f"trial {row['trial']}, {row['settings']}: {score}")
-                progress("trials", row["trial"] + 1, trials)
+                progress("trials of this call", next(ended), trials)
 
             study = search(
                 task, texts, trials, out or f"searches/{name}", frames=frames, seed=seed,
-                seeds=1 if seeds is None else seeds, pruning=pruning, workers=count, executor=pool,
-                progress=show_trial, **given,
+                seeds=1 if seeds is None else seeds, pruning=pruning, executor=pool, progress=show_trial, **given,
             )  # fmt: skip
-        best, trial_rows = best_trial(study), [_trial_row(trial) for trial in study.trials]
+        best, trial_rows = best_trial(study), [_trial_row(trial) for trial in trials_of(study)]
         tell_json(trial_rows, indent=2) if json else _show_search(trial_rows)
         if best is not None and not json:
             tell("The best one again, with another --seed or more --frames:", best.user_attrs["command"])
@@ -95,7 +95,7 @@ def sweep_command(
     number = whole_number("seeds", 8 if seeds is None else seeds, 1, 2**32)
     folder = Path(out or f"sweeps/{name}")
     jobs, ended = plan_jobs(base, grid, range(seed, seed + number), folder, frames), itertools.count(1)
-    with Progress() as progress, workers_for(scheduler, workers) as (pool, _), RunFolder(folder).exclusive():
+    with Progress() as progress, executor_for(scheduler, workers) as pool, RunFolder(folder).exclusive():
 
         def show_run(job: Job, row: Row) -> None:
             score = row.get("error") or shown_rate(row["score"])
@@ -132,7 +132,8 @@ def _show_variants(rows: list[dict[str, Any]]) -> None:
     rates = {name: title for name, title in rates.items() if any(is_number(row[name]) for row in rows)}
     cells = []
     for row in rows:
-        variant, interval = row["variant"] or "as the preset has it", " to ".join(map(shown_rate, row["interval"]))
+        variant = row["variant"] or "as the preset has it"
+        interval = " to ".join(map(shown_rate, row["interval"] or [None]))
         runs = f"{row['runs']} of {row['runs'] + row['failed']}" if row["failed"] else str(row["runs"])
         score, *others = [shown_rate(row[name]) for name in ("score", "best_score", *rates)]
         cells.append([variant, runs, score, interval, *others])

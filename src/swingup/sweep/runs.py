@@ -35,7 +35,7 @@ from ..learner.run_settings import RunSettings, read_run_settings
 
 Row = Mapping[str, Any]
 """A row of a run's metrics."""
-MOST_RUNS = 10_000
+MAX_RUNS = 10_000
 """More runs than this are taken for a typing error."""
 LOCK_SECONDS = 10.0
 """How long a run waits for its folder: a worker whose sweep was killed may hold it for a moment longer."""
@@ -65,8 +65,8 @@ def plan_jobs(
     the preset's, of several presets the longest.
     """
     count = math.prod(map(len, grid.values())) * len(seeds)
-    if count > MOST_RUNS:
-        raise SwingupError(f"this sweep has {count:,} runs: choose at most {MOST_RUNS:,}")
+    if count > MAX_RUNS:
+        raise SwingupError(f"this sweep has {count:,} runs: choose at most {MAX_RUNS:,}")
     length = run_length(frames, grid.get("preset", [base.preset]))
     jobs: list[Job] = []
     for values in itertools.product(*grid.values()):
@@ -159,16 +159,16 @@ def summarise(jobs: Sequence[Job], rows: Sequence[Row]) -> list[dict[str, Any]]:
     """The table of a sweep: one row for each variant, in the order of the jobs.
 
     A row has its ``variant`` (text), ``runs`` with a score, ``failed`` ones, and interquartile means over the runs:
-    of the last ``score`` with its 95 % bootstrap ``interval``, of ``best_score``, and of the last policies'
-    ``reward_rate`` and ``resets_per_1000_steps``. A number is NaN if a run lacks it.
+    of the last ``score`` with its 95 % bootstrap ``interval`` (None for fewer than two runs), of ``best_score``,
+    and of the last policies' ``reward_rate`` and ``resets_per_1000_steps``. A number is NaN if a run lacks it.
     """
     table = []
     for variant in dict.fromkeys(job.variant for job in jobs):
         mine = [row for job, row in zip(jobs, rows, strict=True) if job.variant == variant]
         good = [row for row in mine if is_number(row.get("score"))]
-        interval = interquartile_interval([row["score"] for row in good]) if good else (math.nan, math.nan)
+        interval = interquartile_interval([row["score"] for row in good])
         counts = {"variant": variant, "runs": len(good), "failed": len(mine) - len(good)}
-        scores = {"score": _middle(good, "score"), "interval": list(interval)}
+        scores = {"score": _middle(good, "score"), "interval": interval and list(interval)}
         table.append(counts | scores | {name: _middle(good, name) for name in ("best_score", REWARD_RATE, RESETS)})
     return table
 
@@ -189,19 +189,17 @@ def _middle(rows: Sequence[Row], name: str) -> float:
 
 
 @contextlib.contextmanager
-def workers_for(scheduler: str | None = None, count: int | None = None) -> Iterator[tuple[Executor, int]]:
-    """An executor of local processes, or at a Dask scheduler's address, and how many runs it does side by side.
+def executor_for(scheduler: str | None = None, workers: int | None = None) -> Iterator[Executor]:
+    """An executor of local processes, or of the workers at a Dask scheduler's address.
 
-    The count of processes is by default one for every two cores, since a run uses about two; with a scheduler, of
-    the trials of a search, one for each of the workers' threads.
+    There is one process for every two cores, unless a number is given: a run uses about two.
     """
-    if count is not None:
-        whole_number("workers", count, 1, 1024)
     if scheduler is None:
-        count = count or max(1, cores() // 2)
-        with _local_processes(count) as executor:
-            yield executor, count
+        with _local_processes(whole_number("workers", workers or max(1, cores() // 2), 1, 1024)) as executor:
+            yield executor
         return
+    if workers is not None:
+        raise SwingupError(f"--workers {workers} does not go with --scheduler: its cluster has workers of its own")
     with needing("Dask", "dask", "--scheduler"):
         from distributed import Client
     try:
@@ -210,7 +208,7 @@ def workers_for(scheduler: str | None = None, count: int | None = None) -> Itera
         raise SwingupError(f"no Dask scheduler answers at {scheduler}: start one with dask scheduler") from error
     with client, client.get_executor() as executor:
         try:
-            yield executor, count or max(1, sum(client.nthreads().values()))
+            yield executor
         except BaseException:
             executor.shutdown(wait=False)  # cancels the runs that have not started
             raise
@@ -218,7 +216,11 @@ def workers_for(scheduler: str | None = None, count: int | None = None) -> Itera
 
 @contextlib.contextmanager
 def _local_processes(count: int) -> Iterator[Executor]:
-    """Threads that run each call in a fresh process; the processes end with an interrupt and with this process."""
+    """Threads that run each call in a fresh process; the processes end with an interrupt and with this process.
+
+    One ProcessPoolExecutor of many processes would do less: where one of them dies, for example by its need for
+    memory, that pool ends all others as well.
+    """
     context = multiprocessing.get_context("spawn")  # JAX does not survive a fork
     # Nothing is ever sent. The system closes our end when this process dies, even by SIGKILL.
     lifeline, ours = context.Pipe(duplex=False)
@@ -226,7 +228,6 @@ def _local_processes(count: int) -> Iterator[Executor]:
     class FreshProcesses(ThreadPoolExecutor):
         def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
             def run() -> Any:
-                # A process that dies, for example by its need for memory, breaks this pool and no other run.
                 with ProcessPoolExecutor(1, context, _begin_worker, (lifeline,)) as pool:
                     return pool.submit(fn, *args, **kwargs).result()
 
