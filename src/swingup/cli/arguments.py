@@ -41,9 +41,10 @@ def word_of(kind: str, *words: str) -> Any:
 
 def split_commas(*values: str) -> tuple[str, ...]:
     """Values of one option, which spaces or commas may separate; a file whose name has a comma is one value."""
-    return tuple(
-        part for value in values for part in ([value] if Path(value).is_file() else value.split(",")) if part
-    )
+    parts = [part for value in values for part in ([value] if Path(value).is_file() else value.split(",")) if part]
+    if not "".join(parts).strip():  # as of a shell's variable that is not set
+        raise SwingupError("an option that takes one value or more has none: give a value, or leave the option out")
+    return tuple(parts)
 
 
 NAMES = value_of(split_commas, "NAME...", "*")

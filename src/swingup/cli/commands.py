@@ -1,17 +1,16 @@
-"""All commands, and their command line: tyro reads the words; bad values end in one line of error."""
+"""All commands and their command line, which tyro reads: help, completion, and errors with the nearest option."""
 
 import functools
 import inspect
 import re
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated, Any, get_args, get_type_hints, is_typeddict
+import sys
+from collections.abc import Callable, Sequence
+from typing import Annotated, get_type_hints
 
 import tyro
 from tyro.conf import DisallowNone, OmitArgPrefixes, arg
 
-from ..common.checks import OTHER_NAMES, one_of, suggestion
-from ..common.errors import SwingupError, one_line, quoted
+from ..common.checks import one_of, swingup_name
 from .demonstrating import demo_command
 from .exporting import export_command, plot_command, rehearse_command
 from .judging import evaluate_command, leaderboard_command, score_command
@@ -21,10 +20,6 @@ from .refining import refine_command
 from .sweeping import sweep_command
 from .training import train_command
 
-REPEATABLE = "--set"
-"""The option that may be given more than once."""
-NUMBERS: dict[Any, str] = {int: "use a whole number", float: "use a number"}
-HELP = {"-h", "--help"}
 SETTINGS = (DisallowNone, OmitArgPrefixes)
 
 Command = Callable[..., int | None]
@@ -61,56 +56,33 @@ COMMANDS: dict[str, Command] = {
 
 def run_command(arguments: Sequence[str]) -> int:
     """Parse the arguments and run the command; its exit status."""
-    return parse(COMMANDS, arguments, DESCRIPTION)() or 0
+    return parse(arguments)() or 0
 
 
-def parse(commands: Mapping[str, Command], words: Sequence[str], description: str) -> Ready:
-    """Bind the arguments of the command that the first word names; exit where tyro printed help."""
+def parse(words: Sequence[str]) -> Ready:
+    """Bind the arguments of the command that the first word names; exit where tyro printed help or an error."""
     name, *rest = words or [""]
     if name.startswith("-"):
-        return _parse_alone(commands, words, description)
-    if not name:
-        raise SwingupError(f"a command is missing: use one of {', '.join(commands)}")
-    program, command = f"{PROGRAM} {name}", commands[one_of("command", name, commands)]
-    _check_options(program, command, rest)
-    help_wanted = not HELP.isdisjoint(rest)
+        return _parse_alone(words)
+    command = COMMANDS[one_of("command", name, COMMANDS)]
     try:
-        ready, left = tyro.cli(
-            _bound(command),
-            prog=program,
-            args=rest,
-            return_unknown_args=True,
-            console_outputs=help_wanted,  # tyro's errors are boxes of many lines
-            config=SETTINGS,
-        )
-    except SystemExit:
-        if help_wanted:
-            raise
-        raise SwingupError(f"{program} needs {_missing(command, rest)}: see {program} --help") from None
-    if left:
-        raise SwingupError(f"{program} has no place for {quoted(left[0])}: see {program} --help")
-    return ready
+        return tyro.cli(_bound(command), prog=f"{PROGRAM} {name}", args=rest, config=SETTINGS)
+    except SystemExit as stopped:
+        for word in rest if stopped.code else []:
+            # Tyro suggests what is spelt alike. Other packages have other words for the same thing.
+            if hint := swingup_name(word.removeprefix("--").replace("-", "_")):
+                print(f"{PROGRAM}: {word}{hint}", file=sys.stderr)
+        raise
 
 
-def _parse_alone(commands: Mapping[str, Command], words: Sequence[str], description: str) -> Ready:
+def _parse_alone(words: Sequence[str]) -> Ready:
     """Options before any command: the list of commands with one sentence for each, or completion for a shell."""
-    bound = {name: _bound(function) for name, function in commands.items()}
+    bound = {name: _bound(function) for name, function in COMMANDS.items()}
     for function in bound.values():
         function.__doc__ = (function.__doc__ or "").partition("\n\n")[0]
-    try:
-        return tyro.extras.subcommand_cli_from_dict(
-            bound,
-            prog=PROGRAM,
-            description=description,
-            args=list(words),
-            config=SETTINGS,
-            console_outputs=words[0] in HELP,
-        )
-    except SystemExit as stopped:
-        if not stopped.code:
-            raise
-        wrong = f"{PROGRAM} has no option {one_line(words[0], 60)} before a command"
-        raise SwingupError(f"{wrong}: see {PROGRAM} --help") from None
+    return tyro.extras.subcommand_cli_from_dict(
+        bound, prog=PROGRAM, description=DESCRIPTION, args=list(words), config=SETTINGS
+    )
 
 
 def _bound(function: Command) -> Callable[..., Ready]:
@@ -129,63 +101,3 @@ def _bound(function: Command) -> Callable[..., Ready]:
             types[name] = Annotated[types[name], arg(help_behavior_hint="")]
     vars(bind)["__signature__"], bind.__annotations__ = signature, types
     return bind
-
-
-def _options(function: Command) -> dict[str, Any]:
-    """The types of a command's options: its parameters, and the fields of those that are classes of options."""
-    types, hints = get_type_hints(function), dict[str, Any]()
-    for name, parameter in inspect.signature(function).parameters.items():
-        if parameter.kind is not parameter.POSITIONAL_ONLY:
-            hints |= get_type_hints(types[name]) if is_typeddict(types[name]) else {name: types[name]}
-    options = {name.replace("_", "-"): hint for name, hint in hints.items()}
-    return {f"--{name}": hint for name, hint in options.items()} | {
-        f"--no-{name}": bool for name, hint in options.items() if hint is bool
-    }
-
-
-def _missing(function: Command, words: Sequence[str]) -> str:
-    """What words that tyro refuses lack; its errors are not data, and all but these are found before."""
-    required = [each for each in inspect.signature(function).parameters.values() if each.default is each.empty]
-    names = [each.name.upper() for each in required if each.kind is each.POSITIONAL_ONLY]
-    options = [f"--{each.name}" for each in required if each.kind is not each.POSITIONAL_ONLY]
-    absent = [option for option in options if option not in (word.partition("=")[0] for word in words)]
-    return " and ".join(absent if words and absent else names + absent)
-
-
-def _check_options(program: str, command: Command, words: Sequence[str]) -> None:
-    """Refuse options that tyro would refuse in a box of many lines, or take twice."""
-    known, typed = _options(command), []
-    for word, following in zip(words, [*words, "--"][1:], strict=True):
-        if not word.startswith("--"):
-            continue
-        option, equals, value = word.partition("=")
-        option = option.replace("_", "-")
-        hint = known.get(option, bool)
-        if option not in (*known, "--help"):
-            ours = "--" + OTHER_NAMES.get(option[2:].replace("-", "_"), "").replace("_", "-")
-            near = suggestion(option, known) or f"; see {program} --help"
-            if ours in known:
-                near = f": here it is {ours}"
-            elif option[2:] in inspect.signature(command).parameters:  # a word that needs no option
-                near = ": write its value alone"
-            raise SwingupError(f"{program} has no option {one_line(option, 60)}{near}")
-        if equals and hint is bool:
-            raise SwingupError(f"{option} takes no value: write {option} alone")
-        value = value if equals else following
-        # An empty value, as of a variable that is not set, would choose the default, or nothing at all.
-        lacks = not value.strip(", ") or (not equals and value.startswith("--"))
-        if hint is not bool and lacks:
-            raise SwingupError(f"{option} lacks its value: see {program} --help")
-        _check_number(option, hint, value)
-        typed.append(option.replace("--no-", "--"))
-    for option, count in Counter(typed).items():
-        if count > 1 and option != REPEATABLE:
-            raise SwingupError(f"{option} is given twice: give it once, with all its values")
-
-
-def _check_number(option: str, hint: Any, word: str) -> None:
-    for kind in NUMBERS.keys() & {hint, *get_args(hint)}:
-        try:
-            kind(word)
-        except ValueError:
-            raise SwingupError(f"{option} {quoted(word)}: {NUMBERS[kind]}") from None
