@@ -1,4 +1,4 @@
-"""Site pages whose source is not in docs/, and the links between files of the repository.
+"""Site pages whose source is not in docs/, the table of presets, and the links between files of the repository.
 
 README, cards, examples and linked source files are read where they are, so that no copy can fall behind.
 """
@@ -8,6 +8,7 @@ import posixpath
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files, InclusionLevel
@@ -28,6 +29,7 @@ LINK = re.compile(r"\[([^\]]*)\]\(([^)#\s]+)(#[^)\s]*)?\)")
 SOURCE_NAME = re.compile(r"\.py: (\w+)`$")
 """The definition that a link to a source file names, at the end of the link's text."""
 
+PRESET_TABLE = "<!-- table of presets: docs/hooks.py -->"
 SOURCE = re.compile(r"src/swingup/[\w/]+\.py")
 PICTURE = re.compile(r".+\.(png|svg|gif|jpe?g)")
 
@@ -64,7 +66,29 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
             anchor = f"#{name.group(1).lower()}"
         return f"[{text}]({found}{anchor})" if found else text  # a file that the site does not show
 
-    return LINK.sub(point, markdown)
+    return LINK.sub(
+        point, markdown.replace(PRESET_TABLE, _preset_table()) if PRESET_TABLE in markdown else markdown
+    )
+
+
+def _preset_table() -> str:
+    """The value of each hyperparameter in each preset, and the length of a run."""
+    from swingup.areapo.config import HYPERPARAMETERS
+    from swingup.learner.presets import PRESETS
+
+    def cell(value: Any) -> str:
+        if isinstance(value, bool):
+            return "yes" if value else "no"
+        if isinstance(value, str):
+            return value
+        numbers = value if isinstance(value, tuple) else (value,)
+        return ", ".join(f"{each:,}".replace(",", " ").removesuffix(".0") for each in numbers)
+
+    rows = [["", *(f"`{name}`" for name in PRESETS)], ["---"] * (len(PRESETS) + 1)]
+    for name in HYPERPARAMETERS:
+        rows.append([f"`{name}`", *(cell(getattr(preset.config, name)) for preset in PRESETS.values())])
+    rows.append(["frames of a run", *(cell(preset.frames) for preset in PRESETS.values())])
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
 def _sources() -> list[str]:

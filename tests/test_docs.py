@@ -5,7 +5,6 @@ Comments in the pages' source, which readers do not see, say what a block needs.
 tests, and ``<!-- not run: REASON -->`` excludes it. Each block runs by itself, in an empty folder.
 """
 
-import dataclasses
 import functools
 import json
 import re
@@ -19,15 +18,12 @@ import numpy as np
 import pytest
 
 import swingup
-from swingup.areapo.config import Config
+from swingup.areapo.config import HYPERPARAMETERS
 from swingup.benchmark.boards import BOARDS
 from swingup.cli import commands, judging, main
-from swingup.cli.commands import _options
-from swingup.cli.commands import parse as parse_words
 from swingup.controllers.baselines.baselines import Design, shipped_reference
-from swingup.learner.presets import PRESETS
 from swingup.policy.shipped import shipped_file
-from swingup.report import make
+from swingup.report.page import make_section
 
 ROOT = Path(swingup.__file__).parents[2]
 OTHERS = "README.md", "CONTRIBUTING.md", "benchmarks/README.md", "lab/authors.md", "src/swingup/zoo/README.md"
@@ -75,16 +71,9 @@ def test_python_block_runs(page, first, source, tmp_path, monkeypatch):
     exec(compile(source, str(page), "exec"), vars(module))
 
 
-@pytest.fixture
-def parse(monkeypatch):
-    """The command line without the commands: it only parses arguments."""
-    monkeypatch.setattr(commands, "parse", lambda *arguments: parse_words(*arguments) and (lambda: 0))
-    return commands.run_command
-
-
 @pytest.mark.parametrize("line", command_lines())
-def test_command_line_parses(line, parse):
-    assert parse(shlex.split(line)) == 0
+def test_command_line_parses(line):
+    assert callable(commands.parse(shlex.split(line)))
 
 
 LEFT_OUT = {
@@ -142,7 +131,7 @@ def test_command_lines_run_in_their_order(tmp_path, monkeypatch, small_grid, bri
     for name, board in {"robustness": small_grid, "uptime": brief_minute}.items():
         monkeypatch.setitem(BOARDS, name, board)
     monkeypatch.setattr("swingup.benchmark.leaderboard.default_entrants", lambda board: few)
-    monkeypatch.setattr(judging, "make_section", functools.partial(make.make_section, entrants=few))
+    monkeypatch.setattr(judging, "make_section", functools.partial(make_section, entrants=few))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))  # of the sweeps' workers
     monkeypatch.syspath_prepend(tmp_path)
@@ -165,27 +154,20 @@ def test_command_lines_run_in_their_order(tmp_path, monkeypatch, small_grid, bri
             assert main(shlex.split(shortened(line))) == 0, line
 
 
-def test_commands_named_in_sentences_exist():
+def test_commands_named_in_sentences_exist(capsys):
+    named = {}
     for page in PAGES:
         prose = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
         for command, words in re.findall(r"`swingup ([a-z0-9]+)([^`]*)`", prose):
-            known = {*_options(commands.COMMANDS[command]), "--help"}
-            assert set(re.findall(r"--[a-z][a-z-]*", words)) <= known, f"{page.name}: {command}{words}"
+            named.setdefault(command, set()).update(re.findall(r"--[a-z][a-z-]*", words))
+    for command, options in named.items():
+        assert main([command, "--help"]) == 0
+        assert options <= {*re.findall(r"--[a-z][a-z-]*", capsys.readouterr().out)}, command
 
 
-def test_the_page_of_hyperparameters_has_every_value():
-    lines = (ROOT / "docs" / "hyperparameters.md").read_text(encoding="utf-8").splitlines()
-    rows = [[cell.strip("` ") for cell in line.strip("|").split("|")] for line in lines if line.startswith("| `")]
-    fields = [field.name for field in dataclasses.fields(Config)]
-    assert [row[0] for row in rows] == fields * 2  # once with its effect, once with its values
-    for name, *cells in rows[len(fields) :]:
-        for cell, preset in zip(cells, PRESETS.values(), strict=True):
-            value = getattr(preset.config, name)
-            if isinstance(value, bool | str):
-                assert cell == {True: "yes", False: "no"}.get(value, value), name
-            else:
-                numbers = [float(each) for each in cell.replace(" 000", "000").replace(" 000", "000").split(", ")]
-                np.testing.assert_array_equal(numbers, np.atleast_1d(value), err_msg=name)
+def test_the_page_of_hyperparameters_says_what_each_does():
+    text = (ROOT / "docs" / "hyperparameters.md").read_text(encoding="utf-8")
+    assert re.findall(r"^\| `(\w+)`", text, re.MULTILINE) == list(HYPERPARAMETERS)
 
 
 def test_pages_name_what_is_there():

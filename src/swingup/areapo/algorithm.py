@@ -3,6 +3,9 @@
 Everything is a pure function of a :class:`LearnerState` for one seed; ``vmap`` runs seeds side by side. Equations
 have the paper's numbers; where it is silent, its authors' public implementation decides. Reward and entropy are one
 axis of 2: gains, values, discounts, λ and advantages are pairs [reward, entropy].
+
+The objective, the gain ρ + ρ_H (eq. 1 and 3), is in no formula: its policy gradient is that of the advantages. The
+soft reward r̃ and the soft value ṽ (eq. 9 and 10) are sums of pairs. Only the sum of the advantages is needed.
 """
 
 from dataclasses import replace
@@ -92,21 +95,31 @@ def collect(state: LearnerState, task: Task, config: Config) -> tuple[LearnerSta
 
 
 def update(state: LearnerState, rollout: Rollout, config: Config) -> tuple[LearnerState, Metrics]:
-    """Learn from a rollout of any back end: estimate soft advantages and gains, then improve actor and critic."""
+    """Learn from a rollout of any back end: estimate soft advantages and gains, then improve actor and critic.
+
+    Options that the paper lacks stand around these two steps. Before them, ``charge_resets`` and ``scale_rewards``
+    change the rewards to learn from, then ``scheduled`` changes hyperparameters. After them, ``fit_deviation``
+    lowers the initial noise. The metrics are those of the rewards as they were collected.
+    """
     state, charged, cost = charge_resets(state, rollout, config)
     state, scaled = scale_rewards(state, charged, config)
     # After the scaling: a λ that falls leaves the rewards' unit as it is.
-    config = scheduled(config, state.iterations)
-    state, frames, value_means = estimate(state, scaled, config)
-    state, losses, gradient_norm = improve(state, frames, config)
-    state = fit_deviation(state, rollout, config)
+    now = scheduled(config, state.iterations)
+    state, frames, value_means = estimate(state, scaled, now)
+    state, losses, gradient_norm = improve(state, frames, now)
+    state = fit_deviation(state, rollout, now)
     metrics = make_metrics(state, rollout, cost, value_means, losses, gradient_norm)
     return replace(state, key=jax.random.fold_in(state.key, NEXT), iterations=state.iterations + 1), metrics
 
 
 def estimate(state: LearnerState, rollout: Rollout, config: Config) -> tuple[LearnerState, Frames, Pair]:
     """Soft advantages (eq. 6 to 8), λ-returns and gains of a rollout; also the mean of each value."""
-    state, values, next_values, means = bias_values(state, rollout, config)
+    values, next_values = bias_values(state, rollout, config)
+    means = pair_mean(values, rollout.counted)
+    if config.centre_values:
+        # Eq. 2 and 5 leave a constant free, on which no advantage depends with γ = 1, and which would drift.
+        state = replace(state, critic=state.critic.with_values(jnp.ones(2), means))
+        values, next_values = values - means, next_values - means
     # The entropy reward of eq. 4. τ enters here, so that v_H and ρ_H are in units of the reward.
     rewards = jnp.stack([rollout.rewards, -config.temperature * rollout.log_probs], axis=-1)
     # δ + ρ of eq. 11 and 12. Without temperature there is no entropy objective, whatever an untrained v_H says.
@@ -123,17 +136,11 @@ def estimate(state: LearnerState, rollout: Rollout, config: Config) -> tuple[Lea
     return state, Frames(*actions, soft_advantages, returns, rollout.counted), means
 
 
-def bias_values(state: LearnerState, rollout: Rollout, config: Config) -> tuple[LearnerState, Pairs, Pairs, Pair]:
-    """[v, v_H] of the states before and after each step (eq. 2 and 5), and the means of the former."""
+def bias_values(state: LearnerState, rollout: Rollout, config: Config) -> tuple[Pairs, Pairs]:
+    """[v, v_H] of the states before and after each step (eq. 2 and 5)."""
     values = jax.vmap(jax.vmap(state.critic))(rollout.observations)
     last = jax.vmap(state.critic)(state.observations)
-    next_values = values_after(state.critic, rollout, jnp.concatenate([values[1:], last[None]]), config)
-    means = pair_mean(values, rollout.counted)
-    if config.centre_values:
-        # Eq. 2 and 5 leave a constant free, on which no advantage depends with γ = 1, and which would drift.
-        state = replace(state, critic=state.critic.with_values(jnp.ones(2), means))
-        values, next_values = values - means, next_values - means
-    return state, values, next_values, means
+    return values, values_after(state.critic, rollout, jnp.concatenate([values[1:], last[None]]), config)
 
 
 def lambda_advantages(deltas: Pairs, cuts: Bool[Array, "steps envs"], config: Config) -> Pairs:

@@ -141,6 +141,8 @@ def fading_sums(rollout: Rollout, config: Config) -> Float[Array, "steps envs"]:
     # Less the first reward, so that single precision keeps small differences of large rewards.
     differences = rollout.rewards - rollout.rewards[0, 0]
     centred = differences - mean(differences, rollout.counted)
+    if rollout.counted is not None:
+        centred = centred * rollout.counted  # the row of a reset pays nothing, which is not a reward of -m
     fading = config.discount[0] * config.gae_lambda[0] * (1.0 - (rollout.terminated | rollout.truncated))
 
     def add(before: Array, step: tuple[Array, Array]) -> tuple[Array, Array]:
