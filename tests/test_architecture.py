@@ -12,7 +12,7 @@ ROOT = Path(swingup.__file__).parent
 LAYERS = {
     "common": 0, "plant": 1, "policy": 2, "dynamics": 2, "drawing": 2, "loop": 3, "export": 3, "runtime": 3,
     "tasks": 4, "identification": 4, "continuing": 4, "areapo": 5, "gym": 5, "gymnax": 5, "controllers": 6,
-    "benchmark": 7, "learner": 8, "refine": 8, "rehearsal": 8, "report": 9, "sweep": 9, "cli": 10,
+    "benchmark": 7, "learner": 8, "rehearsal": 8, "refine": 9, "report": 9, "sweep": 9, "cli": 10,
 }  # fmt: skip
 """Every folder and module at the top of the package and its layer: imports go to a lower layer or stay at home."""
 

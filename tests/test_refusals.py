@@ -33,6 +33,7 @@ from swingup.loop.on_plant import loop_around
 from swingup.plant.plant import ROBOTS
 from swingup.plant.units import scales_of
 from swingup.policy.shipped import load_policy
+from swingup.refine.adapt import adapt
 from swingup.refine.recipe import RECIPES, run_recipe
 from swingup.report.film import animate
 from swingup.report.page import render_page
@@ -108,6 +109,13 @@ ENTRIES = {
     usually(get_controller, name="tvlqr", robot="acrobot"): {
         "name": ["pid", "mine:", ":it", "..x:it", "math:pi.nothing", "a\nb:it", "\udce9:it"], "robot": ["cartpole"],
     },
+    usually(run_recipe, policy=load_policy("ar-eapo", "acrobot")): {
+        "recipe": ["hover"], "plant": ["C.3"], "domain": ["moon", "recorded"], "seed": [-1],
+    },
+    usually(adapt, robot="acrobot", out="out.safetensors"): {
+        "robot": ["cartpole"], "domain": ["moon"], "plant": ["C.3"], "draws": [0], "frames": [0],
+        "out": ["out.txt", "missing/out.safetensors"], "seed": [-1],
+    },
     usually(load_policy, source="ar-eapo"): {
         "robot": ["cartpole"], "source": ["ar-eapo", "tvlqr", "globel", "nothing.safetensors"],
     },
@@ -130,8 +138,7 @@ ENTRIES = {
 
 ON_PLANT = {"robot": None, "env": "Swimmer-v5", "preset": "mujoco", "plant": load_plant("B.0")}
 ACROBOT, PENDUBOTS = ROBOTS["acrobot"], get_task("paper", ROBOTS["pendubot"])
-POLICIES = [lone_policy(name, "acrobot")[0] for name in ("adaptive", "ar-eapo")]
-LONE = POLICIES[1]
+ADAPTIVE, LONE = load_policy("adaptive", "acrobot"), lone_policy("ar-eapo", "acrobot")[0]
 TOGETHER = {
     "a plant goes with a robot, not with Swimmer-v5": lambda: RunSettings(
         **(SETTINGS | ON_PLANT), checkpoint_every=64, config=Config()
@@ -145,8 +152,8 @@ TOGETHER = {
     "level arm is -": lambda: scales_of(load_plant("C.1").driven(ACROBOT).changed(r1=-1.0)),
     "inertia is -": lambda: scales_of(load_plant("C.1").driven(ACROBOT).changed(I1=-1.0, Ir=1.0)),
     "unknown task 'hover'": lambda: get_task("hover", ACROBOT),
-    "the policy sees its plant": lambda: run_recipe(POLICIES[0], ROBOTS["acrobot"], RECIPES["recover"]),
-    "give a domain, not a plant": lambda: run_recipe(POLICIES[1], ROBOTS["acrobot"], RECIPES["adapt"], plant="C.0"),
+    "the policy sees its plant": lambda: run_recipe(ADAPTIVE, RECIPES["recover"]),
+    "sees its plant already": lambda: adapt("acrobot", "out.safetensors", policy=ADAPTIVE),
     "unknown domain 'moon'": lambda: judge(HANGING, "acrobot", "sim2real", domain="moon"),
     "is for the pendubot, not the acrobot": lambda: judge(get_controller("lqr", "pendubot"), "acrobot"),
     "make it shorter": lambda: judge(HANGING, "acrobot", change_grid(ROBUSTNESS, "delay=0:5:3")),

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from .plant.measured import measured_plant as measured_plant
     from .plant.plant import Plant as Plant
     from .policy.shipped import load_policy as load_policy
+    from .refine.adapt import adapt as adapt
+    from .refine.recipe import run_recipe as run_recipe
     from .rehearsal.rehearse import Rehearsal as Rehearsal
     from .rehearsal.rehearse import rehearse as rehearse
     from .sweep.search import search as search
@@ -47,6 +49,7 @@ _HOMES = {
     "Result": "benchmark.result",
     "Table": "benchmark.leaderboard",
     "Rehearsal": "rehearsal.rehearse",
+    "adapt": "refine.adapt",
     "baseline": "controllers.baselines.baselines",
     "check_controller": "controllers.check",
     "get_controller": "controllers.registry",
@@ -59,6 +62,7 @@ _HOMES = {
     "loop_controller": "controllers.interface",
     "measured_plant": "plant.measured",
     "rehearse": "rehearsal.rehearse",
+    "run_recipe": "refine.recipe",
     "save_plant": "plant.files",
     "score": "benchmark.judge",
     "search": "sweep.search",

@@ -15,16 +15,15 @@ import pytest
 
 from policies import lone_policy
 from swingup.benchmark.boards import BOARDS
-from swingup.cli import main, refining
+from swingup.cli import main
 from swingup.common.settings import read_settings
 from swingup.learner.metrics import read_metrics
+from swingup.loop.starts import Starts
 from swingup.policy.estimator import EstimatorSettings
 from swingup.policy.shipped import DEFAULT, load_policy
-from swingup.refine import recipe
-from swingup.refine.analytic_policy_gradient import EpisodeSettings, PolicyGradientSettings
-from swingup.refine.distillation_settings import DistillationSettings, RecoverySettings
-from swingup.refine.plant_draws import PlantDraws
-from swingup.refine.recipe import GradientStage
+from swingup.refine import adapt, recipe
+from swingup.refine.recipe import RECIPES, RECOVER_ON_MANY
+from swingup.refine.teachers import PlantDraws
 
 TINY = (
     "--num-envs 4 --num-steps 16 --batch-size 64 --num-epochs 1 --policy-layers 8 8 --value-layers 8x8 "
@@ -87,19 +86,23 @@ def test_a_short_demonstration_and_its_next_commands(capsys, monkeypatch, small_
         assert main([*words, *(["--frames", "8192"] if words[0] == "demo" else [])]) == 0, words
 
 
+def tiny(stage):
+    return dataclasses.replace(stage, steps=2, duration=0.02, episodes=2, starts=Starts(hanging=1))
+
+
+def a_few(scored):
+    return dataclasses.replace(scored, steps=2, recoveries=2, duration=0.02)
+
+
 @pytest.mark.slow
 def test_refine_writes_a_policy_with_its_origin(tmp_path, monkeypatch, run):
-    tiny = GradientStage(
-        PolicyGradientSettings(iterations=2, learning_rate=1e-4, duration=0.02),
-        EpisodeSettings(nominal=2, anywhere=0, thrown=0),
-    )
-    monkeypatch.setitem(refining.RECIPES, "recover", (tiny,))
+    monkeypatch.setitem(RECIPES, "recover", (tiny(RECIPES["recover"][0]),))
     out = tmp_path / "refined.safetensors"
     assert "swingup evaluate pendubot" in run(f"refine pendubot --seed 3 --out {out}")
     (_, metadata), (_, origin) = (lone_policy(each, "pendubot") for each in (out, "ar-eapo"))
     command = "swingup refine pendubot --policy=ar-eapo --recipe=recover --seed=3 --out=refined.safetensors"
     assert (metadata["command"], metadata["base"]["frames"]) == (command, origin["frames"])
-    assert metadata["stages"][0]["gradient"]["iterations"] == 2
+    assert metadata["stages"][0]["steps"] == 2
     assert read_settings(metadata, EstimatorSettings) == EstimatorSettings()
 
 
@@ -107,17 +110,14 @@ def test_refine_writes_a_policy_with_its_origin(tmp_path, monkeypatch, run):
 @pytest.mark.parametrize("shipped", [False, True], ids=["trained", "shipped"])
 def test_adapt_goes_from_a_domain_to_a_judged_policy_and_a_page(tmp_path, monkeypatch, run, shipped):
     """After each stage the best policy so far is kept, such as the shipped one, where it was judged first."""
-    monkeypatch.setattr(refining, "ENOUGH", 2.0)
+    monkeypatch.setattr(adapt, "ENOUGH", 2.0)
     if not shipped:
-        monkeypatch.setattr(refining, "shipped_for", lambda *_: None)
-    tiny = GradientStage(PolicyGradientSettings(iterations=2, duration=0.02), EpisodeSettings(2, 0, 0))
-    few = DistillationSettings(
-        draws=PlantDraws(1, 1, 1, 1), nominal=4, rounds=2, duration=0.4, steps=40, anywhere=300, score_steps=0
-    )
-    monkeypatch.setitem(refining.RECIPES, "adapt", (tiny, few))
-    few_more = {"rounds": 0, "anywhere": 0, "anywhere_batch": 0, "score_steps": 2, "score_duration": 0.02}
-    last = dataclasses.replace(few, **few_more, recoveries=RecoverySettings(episodes=2, duration=0.02))
-    monkeypatch.setattr(recipe, "RECOVER_ON_MANY", last)
+        monkeypatch.setattr(adapt, "shipped_for", lambda *_: None)
+    (gradient, distillation), (recoveries,), draws = RECIPES["adapt"], RECOVER_ON_MANY, PlantDraws(1, 1, 1, 1)
+    few = {"draws": draws, "copies": 4, "rounds": 2, "steps": 40, "scored": a_few(distillation.scored)}
+    monkeypatch.setitem(RECIPES, "adapt", (tiny(gradient), dataclasses.replace(distillation, **few)))
+    last = dataclasses.replace(recoveries, draws=draws, scored=a_few(recoveries.scored))
+    monkeypatch.setattr(recipe, "RECOVER_ON_MANY", (last,))
     words = "refine acrobot --recipe adapt --domain identified --frames 8192 --seeds 2 --out mine.safetensors"
     out = run(words, "--page", "mine.html")
     judged = re.findall(r"(.*): (\d) of 2 draws", out)
@@ -134,6 +134,6 @@ def test_adapt_goes_from_a_domain_to_a_judged_policy_and_a_page(tmp_path, monkey
     assert "Draws that training did not see" in (tmp_path / "mine.html").read_text(encoding="utf-8")
     assert (tmp_path / "mine-base" / "config.json").exists()
     if shipped:
-        monkeypatch.setattr(refining, "ENOUGH", 0.98)
+        monkeypatch.setattr(adapt, "ENOUGH", 0.98)
         assert "2 of 2 draws" in run(words.replace("mine", "quick"))
         assert not (tmp_path / "quick-base").exists()

@@ -9,7 +9,7 @@ import gymnasium
 import jax.numpy as jnp
 import pytest
 
-from policies import lone_policy, new_actor
+from policies import new_actor
 from refusals import refusal
 from swingup.controllers.stack.policy import Policy
 from swingup.learner.compiled_backend import SwingUpEvaluator
@@ -25,6 +25,7 @@ from swingup.learner.metrics import (
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, ROBOTS
 from swingup.policy.pendulum import policy_plant, read_pendulum_policy
+from swingup.policy.shipped import load_policy
 from swingup.refine.recipe import run_recipe
 from swingup.tasks.presets import smooth_task
 
@@ -126,6 +127,6 @@ def test_training_and_refining_write_their_plant(tmp_path, name):
     SwingUpEvaluator(task, plant).save(tmp_path / "p.safetensors", policy, {})
     trained = read_pendulum_policy(tmp_path / "p.safetensors")
     # Without stages nothing is refined, but the plant is named.
-    refined = run_recipe(lone_policy("ar-eapo", "acrobot")[0], robot, (), plant=plant)
+    refined = run_recipe(load_policy("ar-eapo", "acrobot"), (), plant=plant)
     assert trained.plant == refined.plant == policy_plant(plant, robot)
     assert (trained.plant.name, trained.torque_limit, trained.plant.cf1) == (name, 6.0, plant.cf1)

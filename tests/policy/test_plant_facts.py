@@ -18,7 +18,8 @@ from swingup.plant.units import Scales, arm_scales, scales_of, similar_plant
 from swingup.policy.network import PlantStage
 from swingup.policy.pendulum import for_plant, plant_difference, policy_plant
 from swingup.policy.shipped import load_policy
-from swingup.refine.recipe import on_plant, shipped_for, wrapped_policy
+from swingup.refine.adapt import shipped_for
+from swingup.refine.recipe import for_similar_plant, wrapped_policy
 
 from .backends import C, Numpy
 from .backends import Jax as InJax
@@ -112,7 +113,7 @@ def test_a_similar_plants_policy_is_the_same_in_its_units(pair):
     assert back.plant.values() == pytest.approx(one.plant.values())
     assert back.torque_limit == one.torque_limit
     # What a recipe makes of the network has the same around it.
-    made = wrapped_policy(on_plant(policy_alone(one), other.plant))
+    made = wrapped_policy(for_similar_plant(policy_alone(one), other.plant))
     assert (made.identifier, made.regulator) == (other.identifier, other.regulator)
     for noise in ("velocity_noise", "acceleration_noise"):
         assert getattr(made.estimator, noise) == getattr(other.estimator, noise)

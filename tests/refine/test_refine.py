@@ -12,26 +12,30 @@ from policies import lone_policy, new_actor
 from swingup.benchmark.boards import PERFORMANCE
 from swingup.benchmark.judge import judge
 from swingup.benchmark.rollout import Trajectory
-from swingup.controllers.stack.policy import Policy, PolicyController
+from swingup.controllers.stack.policy import Policy, PolicyController, policy_alone, policy_of
 from swingup.dynamics.dynamics import UPRIGHT
+from swingup.loop.starts import Starts
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, get_robot
-from swingup.refine import analytic_policy_gradient
-from swingup.refine.analytic_policy_gradient import (
+from swingup.refine import gradient, recipe
+from swingup.refine.gradient import (
     AnalyticPolicyGradient,
-    EpisodeSettings,
-    PolicyGradientSettings,
+    EpisodeWeights,
+    GradientStage,
+    Measures,
     batch_cost,
+    bound_adjoint,
+    measure_episode,
     sample_episodes,
 )
-from swingup.refine.objective import EpisodeWeights, Measures, bound_adjoint, measure_episode
-from swingup.refine.recipe import GradientStage, run_recipe
+from swingup.refine.recipe import run_recipe
 from swingup.tasks.task import PendulumStage
 
 ACROBOT = get_robot("acrobot")
-FEW = EpisodeSettings(nominal=4, anywhere=4, thrown=0)
 BALANCED = EpisodeWeights(score=0.5, down=0.5, away=0.5)
-SHORT = PolicyGradientSettings(iterations=4, learning_rate=1e-3, duration=0.06, adjoint_limit=1.3, weights=BALANCED)
+SHORT = GradientStage(
+    BALANCED, steps=4, duration=0.06, episodes=8, starts=Starts(anywhere=1, hanging=1, spread=0.0115)
+)
 """Episodes of one length and number in all tests: the compiled gradient then comes from the cache."""
 
 
@@ -45,23 +49,23 @@ def small(robot=ACROBOT, seed=0):
 
 
 def test_episodes_are_of_the_kinds_asked_for_and_repeat_with_their_seed():
-    settings = EpisodeSettings(nominal=20, anywhere=300, thrown=0, speed=4.0, spread=0.02)
-    x0, nominal = sample_episodes(np.random.default_rng(0), ACROBOT, settings)
+    kinds = GradientStage(BALANCED, episodes=320, starts=Starts(anywhere=300, hanging=20, speed=8.0, spread=0.02))
+    x0, nominal = sample_episodes(np.random.default_rng(0), ACROBOT, kinds, LEADERBOARD)
     assert (x0.shape, x0.dtype, nominal.sum()) == ((320, 4), np.float32, 20)
     hanging, anywhere = x0[nominal], x0[~nominal]
     assert 0 < np.abs(hanging).max() < 5 * 0.02
     for column in anywhere[:, :2].T:
         assert np.histogram(column, 4, (-3.1416, 3.1416))[0].min() > 50
-    # The deviation is uniform up to 4 rad/s: the mean square is 16/3.
-    assert 4.0 < np.mean(anywhere[:, 2:] ** 2) < 7.0
+    # The deviation is uniform up to 8 rad/s: the mean square is 64/3.
+    assert 16.0 < np.mean(anywhere[:, 2:] ** 2) < 28.0
     # Shuffled: the first 20 are not the nominal ones.
     assert not nominal[:20].all()
-    same, other = (sample_episodes(np.random.default_rng(seed), ACROBOT, settings)[0] for seed in (0, 1))
+    same, other = (sample_episodes(np.random.default_rng(seed), ACROBOT, kinds, LEADERBOARD)[0] for seed in (0, 1))
     assert np.array_equal(same, x0)
     assert not np.array_equal(other, x0)
     # Throws leave the pendulum in motion and in other turns.
-    settings = EpisodeSettings(nominal=0, anywhere=0, thrown=50)
-    x0, nominal = sample_episodes(np.random.default_rng(0), ACROBOT, settings)
+    kinds = GradientStage(BALANCED, episodes=50, starts=Starts(thrown=1))
+    x0, nominal = sample_episodes(np.random.default_rng(0), ACROBOT, kinds, LEADERBOARD)
     assert (x0.shape, nominal.any()) == ((50, 4), False)
     assert np.abs(x0[:, 2:]).mean() > 1.0
     assert np.abs(x0[:, 0]).max() > np.pi
@@ -102,11 +106,11 @@ def test_speeds_above_fourteen_and_whole_turns_count_squared_and_the_cost_weighs
 
 
 def test_the_cost_of_a_batch_is_the_mean_of_its_episodes():
-    settings = PolicyGradientSettings(duration=0.1, weights=EpisodeWeights(score=1.0, down=3.0))
-    cost = jax.jit(batch_cost, static_argnames=("settings", "plant"))
+    stage = GradientStage(EpisodeWeights(score=1.0, down=3.0), duration=0.1)
+    cost = jax.jit(batch_cost, static_argnames=("stage", "plant"))
     plant = LEADERBOARD.driven(ACROBOT)
     x0 = jnp.array([[0.0, 0.0, 0.0, 0.0], [np.pi, 0.1, 0.0, 0.0]], jnp.float32)
-    total, measures = cost(small().policy.actor, small(), x0, settings=settings, plant=plant)
+    total, measures = cost(small().policy.actor, small(), x0, stage=stage, plant=plant)
     assert float(total) == pytest.approx(float(jnp.mean(3 * measures.down - measures.score)), rel=1e-5)
     assert measures.down[1] < 0.01 < 0.99 < measures.down[0]
 
@@ -121,22 +125,23 @@ def test_the_adjoint_is_cut_and_the_state_is_not():
 
 
 @pytest.mark.slow  # the integrators' gradient has a default test
-def test_the_gradient_through_an_episode_is_that_of_finite_differences(x64):
+def test_the_gradient_through_an_episode_is_that_of_finite_differences(x64, monkeypatch):
+    monkeypatch.setattr(gradient, "ADJOINT_LIMIT", 1e9)
     controller = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float64) if eqx.is_array(leaf) else leaf, small())
-    x0 = sample_episodes(np.random.default_rng(3), ACROBOT, FEW)[0].astype(np.float64)
-    settings = PolicyGradientSettings(duration=0.2, adjoint_limit=1e9, weights=BALANCED)
+    x0 = sample_episodes(np.random.default_rng(3), ACROBOT, SHORT, LEADERBOARD)[0].astype(np.float64)
+    stage = dataclasses.replace(SHORT, duration=0.2)
     actor = controller.policy.actor
 
     @jax.jit
     @jax.value_and_grad
     def cost_and_gradient(actor):
-        return batch_cost(actor, controller, x0, settings, LEADERBOARD.driven(ACROBOT))[0]
+        return batch_cost(actor, controller, x0, stage, LEADERBOARD.driven(ACROBOT))[0]
 
-    gradient = cost_and_gradient(actor)[1]
+    slope = cost_and_gradient(actor)[1]
     direction = jax.tree.map(
         lambda leaf: jnp.asarray(np.random.default_rng(leaf.size).normal(size=leaf.shape)), actor
     )
-    along = sum(jnp.vdot(a, b) for a, b in zip(jax.tree.leaves(gradient), jax.tree.leaves(direction), strict=True))
+    along = sum(jnp.vdot(a, b) for a, b in zip(jax.tree.leaves(slope), jax.tree.leaves(direction), strict=True))
     ahead, behind = (
         cost_and_gradient(jax.tree.map(lambda leaf, d, s=size: leaf + s * d, actor, direction))[0]
         for size in (1e-6, -1e-6)
@@ -149,11 +154,12 @@ def test_the_gradient_through_an_episode_is_that_of_finite_differences(x64):
 def test_gradient_steps_lower_the_cost_and_do_not_depend_on_the_cores(monkeypatch, cores):
     """More cores than episodes once divided by zero."""
     x0 = (UPRIGHT + 0.1 * np.random.default_rng(0).normal(size=(8, 4))).astype(np.float32)
-    settings = dataclasses.replace(SHORT, iterations=16, learning_rate=3e-3)
-    one, many = AnalyticPolicyGradient(small(), settings), AnalyticPolicyGradient(small(), settings)
-    monkeypatch.setattr(analytic_policy_gradient, "cores", lambda: 1)
+    monkeypatch.setattr(gradient, "LEARNING_RATE", 3e-3)
+    stage = dataclasses.replace(SHORT, steps=16)
+    one, many = (AnalyticPolicyGradient(small(), stage, LEADERBOARD) for _ in range(2))
+    monkeypatch.setattr(gradient, "cores", lambda: 1)
     first = one.step(x0)
-    monkeypatch.setattr(analytic_policy_gradient, "cores", lambda: cores)
+    monkeypatch.setattr(gradient, "cores", lambda: cores)
     assert np.allclose(many.step(x0).away, first.away, atol=1e-6)
     for leaf, other in zip(jax.tree.leaves(one.actor), jax.tree.leaves(many.actor), strict=True):
         assert np.allclose(leaf, other, atol=1e-5)
@@ -162,23 +168,23 @@ def test_gradient_steps_lower_the_cost_and_do_not_depend_on_the_cores(monkeypatc
     assert np.mean(last.away) < np.mean(first.away)
 
 
-def test_a_recipe_reports_repeats_itself_and_keeps_the_observation():
-    stages = (GradientStage(SHORT, FEW),)
-    reports = []
-    first = run_recipe(small(), ACROBOT, stages, 5, reports.append, every=2)
+def test_a_recipe_reports_repeats_itself_and_keeps_the_observation(monkeypatch):
+    monkeypatch.setattr(recipe, "REPORT_EVERY", 2)
+    policy, reports = policy_of(small()), []
+    first = run_recipe(policy, (SHORT,), 5, report=reports.append)
     assert [(each.stage, each.iteration, each.of) for each in reports] == [(1, 2, 4), (1, 4, 4)]
     assert set(reports[0].measures) == {"nominal_score", "others_down"}
-    again = run_recipe(small(), ACROBOT, stages, 5)
-    weights = [each.policy.actor.mean_head.weight for each in (small(), first, again)]
+    again = run_recipe(policy, (SHORT,), 5)
+    weights = [each.network.head.weight for each in (policy, first, again)]
     assert np.array_equal(weights[1], weights[2])
     assert not np.array_equal(weights[0], weights[1])
-    assert first.policy.stages == small().policy.stages
-    assert first.policy.actor.std_head is None
+    assert (first.network.stages, first.parts) == (policy.network.stages, ("estimator",))
+    assert policy_alone(first).policy.actor.std_head is None
 
 
 @pytest.mark.slow
 def test_a_recipe_on_another_plant_leaves_a_policy_for_it():
     plant = load_plant("cloudpendulum-rods")
-    refined = run_recipe(small(), ACROBOT, (GradientStage(SHORT, FEW),), 5, plant=plant)
+    refined = run_recipe(policy_of(small()), (SHORT,), 5, plant=plant)
     assert refined.plant.name == "cloudpendulum-rods"
     assert refined.torque_limit == pytest.approx(0.13)

@@ -6,7 +6,7 @@ import shlex
 import shutil
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +105,15 @@ class Progress:
     def __exit__(self, *error: object) -> None:
         """Remove the bar."""
         self._bar.stop()
+
+    @contextlib.contextmanager
+    def paused(self) -> Iterator[None]:
+        """No bar while something else is shown."""
+        self._bar.stop()
+        try:
+            yield
+        finally:
+            self._bar.start()
 
     def __call__(self, stage: str, done: int, total: int, figures: str = "") -> None:
         """Say where a stage stands; the last line of a stage with figures stays."""

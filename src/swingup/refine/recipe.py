@@ -3,9 +3,10 @@
 import dataclasses
 import logging
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -15,158 +16,155 @@ import numpy as np
 from ..benchmark.board import Criteria
 from ..benchmark.judge import judge
 from ..benchmark.runner import StageProgress
+from ..common import __version__
+from ..common.checks import check_seeds, one_of
 from ..common.errors import SwingupError
-from ..controllers.stack.policy import PolicyController, make_controller, plant_of, policy_of
+from ..controllers.stack.policy import PolicyController, make_controller, plant_of, policy_alone, policy_of
 from ..loop.domain import Domain, load_domain
+from ..loop.loop import VALUES
+from ..loop.on_plant import drawn_around, loop_around, plant_as_domain
+from ..loop.starts import Starts
 from ..plant.files import load_plant
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, Robot
 from ..plant.units import ACCELERATION, arm_scales, scaled, similar_plant
 from ..policy.estimator import default_estimator
 from ..policy.identifier import IdentifierSettings
 from ..policy.network import stages_for
-from ..policy.pendulum import PendulumPolicy, plant_difference, policy_plant
+from ..policy.pendulum import PendulumPolicy, plant_difference, policy_plant, write_pendulum_policy
 from ..policy.regulator import RegulatorSettings
-from ..policy.shipped import ADAPTIVE, load_policy
-from .analytic_policy_gradient import (
-    AnalyticPolicyGradient,
-    EpisodeSettings,
-    PolicyGradientSettings,
-    sample_episodes,
-    with_actor,
-)
-from .distillation import distil, recover
-from .distillation_settings import DistillationSettings, RecoverySettings
-from .objective import EpisodeWeights
-from .plant_draws import RECORDED, PlantDraws, behind_motor, draw_plants
-from .teacher import make_school
+from .distil import DistillationStage, RecoveryStage, ScoredSteps, distil, recover
+from .gradient import AnalyticPolicyGradient, EpisodeWeights, GradientStage, sample_episodes, with_actor
+from .teachers import PlantDraws, behind_motor, draw_plants, make_training_set
 
 _LOGGER = logging.getLogger(__name__)
 
+Stage = GradientStage | DistillationStage | RecoveryStage
 
-@dataclass(frozen=True)
-class GradientStage:
-    """A stage of gradient steps; its default makes a policy recover from wherever a throw leaves the pendulum."""
-
-    gradient: PolicyGradientSettings = PolicyGradientSettings()  # noqa: RUF009 - frozen
-    episodes: EpisodeSettings = EpisodeSettings()  # noqa: RUF009 - frozen
-
-
-RecipeStage = GradientStage | DistillationSettings
-
-RECOVER, ADAPT = "recover", "adapt"
-"""Recipes; the second makes a policy which sees its plant."""
-CALM = PolicyGradientSettings(weights=EpisodeWeights(down=1.0, away=0.2, fast=4.0))
-"""Recoveries below the speeds at which loops of real robots stop."""
-RECIPES: dict[str, tuple[RecipeStage, ...]] = {
-    RECOVER: (GradientStage(),),
-    ADAPT: (GradientStage(CALM), DistillationSettings()),
+RECOVER, ADAPT = "recover", "adapt"  # recipes by name; the second makes a policy that sees its plant
+RECIPES: dict[str, tuple[Stage, ...]] = {
+    RECOVER: (GradientStage(EpisodeWeights(down=1.0, away=0.2)),),
+    ADAPT: (
+        # Recoveries below the speeds at which loops of real robots stop.
+        GradientStage(EpisodeWeights(down=1.0, away=0.2, fast=4.0)),
+        DistillationStage(
+            PlantDraws(single=160, joint=160, friction=120, robot=400),
+            ScoredSteps(
+                steps=1500,
+                weight=3.0,
+                swingups=6,
+                recoveries=48,
+                duration=1.5,
+                starts=Starts(thrown=0.5, near_top=0.5),
+                nominal=0.0,
+                weights=EpisodeWeights(down=3.0, away=2.0, fast=30.0),
+                batch=(256, 2048),
+            ),
+        ),
+    ),
 }
 """``recover``: be up again soon after throws. ``adapt``: recover calmly, then see the plant and swing up any of
 many."""
-RECOVER_ON_MANY = DistillationSettings(
-    draws=PlantDraws(single=80, joint=80, friction=60, robot=500),
-    rounds=0,
-    runs=3,
-    batch=1024,
-    anywhere=0,
-    anywhere_batch=0,
-    score_steps=1000,
-    score_weight=2.0,
-    score_episodes=4,
-    recoveries=RecoverySettings(
-        episodes=96,
-        duration=2.0,
-        thrown=0.45,
-        nominal=0.8,
-        robots=0.3,
-        top=0.0,
-        passing=0.1,
-        hanging=0.15,
-        weights=EpisodeWeights(down=0.75, away=0.5, fast=7.5, wound=0.5),
+RECOVER_ON_MANY: tuple[Stage, ...] = (
+    RecoveryStage(
+        PlantDraws(single=80, joint=80, friction=60, robot=500),
+        ScoredSteps(
+            steps=1000,
+            weight=2.0,
+            swingups=4,
+            recoveries=96,
+            duration=2.0,
+            starts=Starts(thrown=0.45, thrown_on_robot=0.3, passing=0.1, hanging=0.15, spread=0.02),
+            nominal=0.8,
+            weights=EpisodeWeights(down=0.75, away=0.5, fast=7.5, wound=0.5),
+            batch=(0, 1024),
+        ),
     ),
 )
-"""``recover`` for a policy that sees its plant: no teachers, so no rounds, and no lessons from anywhere."""
-
-
-def stages_of(recipe: str, controller: PolicyController) -> tuple[RecipeStage, ...]:
-    """A recipe's stages for a policy."""
-    return (RECOVER_ON_MANY,) if recipe == RECOVER and controller.policy.sees_plant else RECIPES[recipe]
-
+"""``recover`` for a policy that sees its plant."""
 
 HAND_OVER = {
     "acrobot": RegulatorSettings(enter=2.6, leave=15.0, enter_coulomb=0.004),
     "pendubot": RegulatorSettings(enter=0.04, leave=6.0, leave_coulomb=0.1),
 }
 """Chosen on plants and seeds that no board has, the acrobot's ``enter`` by its score too (``lab/adaptive.md``)."""
-FINDING = {
+IDENTIFIERS = {
     "acrobot": IdentifierSettings(load_deviation=0.01, spring_deviation=0.01),
     "pendubot": IdentifierSettings(load_deviation=0.02, spring_deviation=0.01),
 }
-"""Which loads are looked for. Chosen on robots outside of the package (``lab/adaptive.md``)."""
+"""Which loads the identifiers look for. Chosen on robots outside of the package (``lab/adaptive.md``)."""
 ACCELERATION_NOISE = 10.0
 """The estimator's where the model is the plant found (rad/s²): such a model errs less. Chosen."""
+RECORDED = "recorded"
+"""The domain of the robot's plants, where a policy sees its plant and no domain is given."""
+REPORT_EVERY = 10  # gradient steps between reports
 
 
 @dataclass(frozen=True)
 class RefinementReport:
     """The progress of a recipe."""
 
+    stages: tuple[Stage, ...]
+    """The stages of the recipe."""
     stage: int
-    """Counted from 1."""
+    """The present one, counted from 1."""
     iteration: int
     """Gradient steps of this stage so far; rounds of a distillation."""
     of: int
     """The same in all."""
     seconds: float
     """Since the recipe began."""
-    controller: PolicyController
-    """The policy so far."""
+    policy: PendulumPolicy
+    """The policy so far, with what stands around it."""
     criteria: Criteria
     """Its performance on the board performance."""
-    measures: dict[str, float] = field(default_factory=dict)
+    measures: dict[str, float]
     """Means over the latest episodes: the score of the nominal ones, and the share of time down of the others."""
 
 
 def run_recipe(
-    controller: PolicyController,
-    robot: Robot,
-    stages: tuple[RecipeStage, ...],
+    policy: PendulumPolicy,
+    recipe: str | Sequence[Stage] = RECOVER,
     seed: int = 0,
-    report: Callable[[RefinementReport], Any] = lambda _: None,
-    every: int = 10,
-    plant: PlantLike = LEADERBOARD,
+    *,
+    plant: PlantLike | None = None,
     domain: Domain | str | None = None,
+    report: Callable[[RefinementReport], Any] = lambda _: None,
     progress: StageProgress = lambda _, __, ___: None,
-) -> PolicyController:
-    """Take a policy through the stages of a recipe, in C.1's units.
+) -> PendulumPolicy:
+    """Take a policy through the stages of a recipe, in minutes to an hour; it computes in C.1's units.
 
     Args:
-        controller: the policy to start from.
-        robot: its robot.
-        stages: the recipe's stages, in order.
+        policy: the policy to start from; what stands around it is made anew.
+        recipe: ``recover``, ``adapt``, or stages in order. ``adapt`` starts from a policy that recovers.
         seed: seed of all random numbers.
-        report: called after every ``every`` gradient steps, each round of a distillation, and each stage.
-        every: gradient steps between reports.
-        plant: what the policy is refined on: a plant, its name or its file.
-        domain: plants that a policy learns to see, instead: about the one that the domain is designed for, without
-            friction; None for those about the leaderboards' plant.
+        plant: what the policy is refined on: a plant, its name or its file; None for the leaderboards' plant. For a
+            policy that sees its plant it stands in the loop of the domain; without ranges it is a guess, which is
+            off by 10 %. None for the domain's plants.
+        domain: for a policy that sees its plant: plants, about the one that the domain is designed for, without
+            friction, and loops; None for ``recorded``.
+        report: called after every ten gradient steps, after each round of a distillation, and after each stage.
         progress: called with what a distillation computes, how much of it is done, and of how much.
 
     Raises:
-        SwingupError: there is no such plant, the weights are no longer finite, or a stage does not take such a
-            policy or plant.
+        SwingupError: there is no such recipe, plant or domain, the weights are no longer finite, or a stage does
+            not take such a policy or plant.
     """
-    kinds = {type(stage) for stage in stages}
-    if controller.policy.sees_plant and GradientStage in kinds:
+    check_seeds(seed, 1)
+    stages, robot = stages_of(recipe, policy) if isinstance(recipe, str) else tuple(recipe), policy.robot
+    controller = policy_alone(policy)
+    on_one = [isinstance(stage, GradientStage) for stage in stages]
+    # Or it will, after the recipe.
+    sees_plant = controller.policy.sees_plant or not all(on_one)
+    if controller.policy.sees_plant and any(on_one):
         raise SwingupError(
             "the policy sees its plant, and gradient steps on a single one would blind it: take the recipe recover"
         )
-    sees = DistillationSettings in kinds
-    if sees and plant != LEADERBOARD:
-        raise SwingupError("plants are drawn for a policy that sees its plant: give a domain, not a plant")
-    around = load_domain(domain or RECORDED) if not isinstance(domain, Domain) else domain
-    start, found = time.perf_counter(), first_plant(around, robot) if sees else load_plant(plant)
-    if found == LEADERBOARD and not sees:
+    if not sees_plant and domain is not None:
+        name = domain.name if isinstance(domain, Domain) else domain
+        raise SwingupError(f"the domain {name} is for a policy that sees its plant: give a plant alone")
+    around = domain_around(plant if sees_plant else None, domain)
+    found = first_plant(around, robot) if sees_plant else load_plant(LEADERBOARD if plant is None else plant)
+    if not sees_plant and plant is None:
         difference = plant_difference(plant_of(controller), found.driven(robot), robot)
         if difference is not None:
             _LOGGER.warning("without a plant the policy is refined on the leaderboards': %s", difference)
@@ -175,9 +173,9 @@ def run_recipe(
     facts = policy_plant(found, robot)
     # As it moves its own plant, in that plant's units, so it is to move this one.
     similar = similar_plant(facts, arm_scales(facts))
-    controller = on_plant(controller, similar)
+    controller = for_similar_plant(controller, similar)
     limit = float(around.high.loop.passive_limit)
-    random = np.random.default_rng(seed)
+    random, start = np.random.default_rng(seed), time.perf_counter()
 
     def tell(
         number: int, of: int, now: PolicyController, iteration: int, measures: dict[str, float] | None = None
@@ -185,25 +183,47 @@ def run_recipe(
         if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(now.policy.actor)):
             raise SwingupError("refining diverged: weights are not finite; start from another policy or seed")
         # Alone, or where it sees its plant with what finds that.
-        real = on_plant(now, facts)
-        judged = make_controller(wrapped_policy(real, limit)) if now.policy.sees_plant else real
+        wrapped, real = wrapped_policy(for_similar_plant(now, facts), limit), now.policy.sees_plant
+        judged = make_controller(wrapped) if real else policy_alone(wrapped)
         criteria = judge(judged, robot, plant=found).criteria
         seconds = time.perf_counter() - start
-        report(RefinementReport(number, iteration, of, seconds, real, criteria, measures or {}))
+        report(RefinementReport(stages, number, iteration, of, seconds, wrapped, criteria, measures or {}))
 
     for number, stage in enumerate(stages, start=1):
         if isinstance(stage, GradientStage):
-            told = partial(tell, number, stage.gradient.iterations)
-            controller = _gradient_steps(controller, stage, random, told, every, similar)
+            controller = _gradient_steps(controller, stage, random, partial(tell, number, stage.steps), similar)
             continue
-        told = partial(tell, number, stage.rounds + bool(stage.score_steps))
         targets = draw_plants(random, robot, stage.draws, similar, around)
-        if not stage.rounds:
-            controller = recover(controller, targets, stage, random, HAND_OVER[robot.name], told, progress)
-            continue
-        school = make_school(controller, targets, stage.nominal, partial(progress, "swing-ups"))
-        controller = distil([school], stage, random, told, progress)
-    return on_plant(controller, facts)
+        if isinstance(stage, RecoveryStage):
+            told, regulator = partial(tell, number, 1), HAND_OVER[robot.name]
+            controller = recover(controller, targets, stage, random, regulator, told, progress)
+        else:
+            training = make_training_set(controller, targets, stage.copies, partial(progress, "swing-ups"))
+            told = partial(tell, number, stage.rounds + 1)
+            controller = distil(training, stage, random, told, progress)
+    return wrapped_policy(for_similar_plant(controller, facts), limit)
+
+
+def stages_of(recipe: str, policy: PendulumPolicy) -> tuple[Stage, ...]:
+    """A recipe's stages for a policy."""
+    one_of("recipe", recipe, RECIPES)
+    sees_plant = policy.network.plant_stage is not None
+    return RECOVER_ON_MANY if recipe == RECOVER and sees_plant else RECIPES[recipe]
+
+
+def domain_around(plant: PlantLike | None, domain: Domain | str | None) -> Domain:
+    """The plants and loops that a policy is adapted to; see :func:`run_recipe`."""
+    around = domain if isinstance(domain, Domain) else load_domain(domain or RECORDED)
+    if plant is None:
+        return around
+    facts = plant_as_domain(plant)
+    if facts.low.plant == facts.high.plant:
+        drawn = drawn_around(facts.nominal_plant)
+        # The plant's file may say something of its loop.
+        low, high = drawn.low._replace(loop=facts.low.loop), drawn.high._replace(loop=facts.high.loop)
+        names = (*drawn.names, *(name for name in facts.names if name in VALUES))
+        facts = dataclasses.replace(drawn, low=low, high=high, names=names, design=facts.design)
+    return loop_around(facts, around)
 
 
 def first_plant(domain: Domain, robot: Robot) -> Plant:
@@ -218,27 +238,16 @@ def first_plant(domain: Domain, robot: Robot) -> Plant:
     return behind_motor(plant, getattr(domain.nominal.loop, f"gain{robot.joint + 1}"))
 
 
-def on_plant(controller: PolicyController, plant: Plant) -> PolicyController:
-    """A policy for another plant, in that one's units."""
+def for_similar_plant(controller: PolicyController, plant: Plant) -> PolicyController:
+    """A policy for another plant, in that plant's units."""
     stages = stages_for(controller.policy.stages, plant_of(controller), plant)
     policy = dataclasses.replace(controller.policy, stages=stages)
     limit = plant.limit(controller.robot.joint)
     return dataclasses.replace(controller, policy=policy, plant=plant, torque_limit=limit)
 
 
-def shipped_for(domain: Domain, robot: Robot) -> PendulumPolicy | None:
-    """The shipped ``adaptive`` in the units of a domain's plants; None where their first one is beyond it."""
-    try:
-        found = load_policy(ADAPTIVE, robot, first_plant(domain, robot))
-    except SwingupError:
-        return None
-    assert found.identifier is not None  # it finds its plant
-    identifier = dataclasses.replace(found.identifier, passive_limit=float(domain.high.loop.passive_limit))
-    return dataclasses.replace(found, identifier=identifier)
-
-
 def wrapped_policy(controller: PolicyController, passive_limit: float | None = None) -> PendulumPolicy:
-    """What the file of a refined policy holds: an estimator, and for one that sees its plant what finds that.
+    """What the file of a refined policy holds: an estimator, and around a policy that sees its plant what finds it.
 
     ``passive_limit`` is the largest compensation of the passive joint's friction (N m); None for the usual one.
     """
@@ -248,30 +257,45 @@ def wrapped_policy(controller: PolicyController, passive_limit: float | None = N
         return dataclasses.replace(policy, estimator=estimator)
     noise = scales.scaled(ACCELERATION_NOISE, ACCELERATION)
     estimator = dataclasses.replace(estimator, acceleration_noise=noise)
-    identifier = scaled(FINDING[controller.robot.name], scales)
+    identifier = scaled(IDENTIFIERS[controller.robot.name], scales)
     if passive_limit is not None:
         identifier = dataclasses.replace(identifier, passive_limit=passive_limit)
     regulator = scaled(HAND_OVER[controller.robot.name], scales)
     return dataclasses.replace(policy, estimator=estimator, identifier=identifier, regulator=regulator)
 
 
+def save_refined(path: str | Path, report: RefinementReport, base: PendulumPolicy, command: str, seed: int) -> None:
+    """Write the policy of a report, with how it was made and the origin of the policy before."""
+    kept = ("version", "preset", "command", "seed", "frames", "seconds", "scores")
+    provenance = {
+        "version": __version__,
+        "command": command,
+        "seed": seed,
+        "seconds": round(report.seconds, 1),
+        "stages": [{"kind": type(stage).__name__} | dataclasses.asdict(stage) for stage in report.stages],
+        "scores": {"v2": dataclasses.asdict(report.criteria)},
+        "base": {name: base.metadata[name] for name in kept if name in base.metadata},
+    }
+    write_pendulum_policy(path, report.policy, provenance)
+
+
 def _gradient_steps(
     controller: PolicyController,
     stage: GradientStage,
     random: np.random.Generator,
-    tell: Callable[[PolicyController, int, dict[str, float]], None],
-    every: int,
+    report: Callable[[PolicyController, int, dict[str, float]], None],
     plant: Plant,
 ) -> PolicyController:
-    learner, number = AnalyticPolicyGradient(controller, stage.gradient, plant), stage.gradient.iterations
+    learner = AnalyticPolicyGradient(controller, stage, plant)
     recent: list[dict[str, float]] = []
-    for iteration in range(1, number + 1):
-        x0, nominal = sample_episodes(random, controller.robot, stage.episodes, plant)
+    for iteration in range(1, stage.steps + 1):
+        x0, nominal = sample_episodes(random, controller.robot, stage, plant)
         recent.append(_means(nominal, learner.step(x0)))
-        if iteration % every == 0 or iteration == number:
+        if iteration % REPORT_EVERY == 0 or iteration == stage.steps:
             controller = with_actor(controller, jax.tree.map(np.asarray, learner.actor))
-            means = {name: float(np.mean([each[name] for each in recent])) for name in recent[0]}
-            tell(controller, iteration, means)
+            report(
+                controller, iteration, {name: float(np.mean([each[name] for each in recent])) for name in recent[0]}
+            )
             recent.clear()
     return controller
 
