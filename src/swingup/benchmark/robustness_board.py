@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from ..common.checks import MOST_SEEDS, one_of
+from ..common.checks import MAXIMUM_SEEDS, one_of
 from ..common.errors import SwingupError
 from ..dynamics.dynamics import upright_error
 from ..dynamics.integrate import stable_substeps
@@ -109,7 +109,7 @@ class RobustnessBoard(AbstractBoard):
     """Success: the last state is strictly within this of upright at rest (rad, rad, rad/s, rad/s)."""
     criteria: tuple[str, ...] = CRITERIA
     """The criteria that are measured; the score needs all six."""
-    side_by_side: int = MOST_SEEDS
+    side_by_side: int = MAXIMUM_SEEDS
     """All simulations at once share one compiled program, and keep no rows."""
 
     def __post_init__(self) -> None:

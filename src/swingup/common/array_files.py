@@ -20,8 +20,7 @@ import numpy as np
 from .errors import SwingupError
 
 ARRAY_FILES = (".npz", ".npy", ".mat")
-LARGEST_ARRAYS = 512_000_000
-"""Bytes of a file's arrays, once they are unpacked."""
+LARGEST_ARRAYS = 512_000_000  # bytes of a file's arrays, once they are unpacked
 
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _MATRIX, _COMPRESSED = 14, 15

@@ -17,8 +17,7 @@ import numpy as np
 from .errors import SwingupError, quoted
 from .files import write_atomically
 
-SUFFIX = ".safetensors"
-"""The end of a file's name."""
+SUFFIX = ".safetensors"  # the end of a file's name
 
 METADATA = "swingup"
 """Name of the metadata's text in the header's ``__metadata__``, where safetensors allows texts only."""
@@ -26,8 +25,7 @@ METADATA = "swingup"
 LARGEST_ARRAYS = 256_000_000
 """Bytes of all arrays that are read, unless the caller expects more; three layers of 4,000 have 130 MB."""
 
-LARGEST_HEADER = 4_000_000
-"""Bytes of the header, metadata included."""
+LARGEST_HEADER = 4_000_000  # bytes of the header, metadata included
 
 TYPES = {
     "BOOL": "|b1", "U8": "|u1", "I8": "|i1", "U16": "<u2", "I16": "<i2", "U32": "<u4", "I32": "<i4", "U64": "<u8",
@@ -82,12 +80,12 @@ def load_arrays(
     kind: str,
     version: int,
     known: Callable[[str], bool] = lambda name: True,
-    most: int = LARGEST_ARRAYS,
+    limit: int = LARGEST_ARRAYS,
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Read the metadata and the arrays of a file.
 
     The metadata must name the kind as ``format`` and give the version as ``format_version``. Arrays of unknown
-    names are left alone; the others may have ``most`` bytes, all together.
+    names are left alone; the others may have ``limit`` bytes, all together.
     """
     try:
         with Path(path).open("rb") as stream:
@@ -97,10 +95,10 @@ def load_arrays(
             places = _places(header, os.fstat(stream.fileno()).st_size - first)
             wanted = {name: place for name, place in places.items() if known(name)}
             size = sum(math.prod(shape) * dtype.itemsize for dtype, shape, _ in wanted.values())
-            if size > most:
+            if size > limit:
                 raise SwingupError(
                     f"{path} holds {size / 1e6:.4g} MB of arrays, where a {kind} file may have "
-                    f"{most / 1e6:.4g} MB: it is damaged or foreign"
+                    f"{limit / 1e6:.4g} MB: it is damaged or foreign"
                 )
             arrays = {}
             for name, (dtype, shape, start) in wanted.items():

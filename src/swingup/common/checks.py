@@ -8,12 +8,9 @@ from typing import Any
 
 from .errors import SwingupError, quoted
 
-LARGEST_NUMBER = 1e9
-"""No quantity in SI units comes near this; squares of larger numbers might overflow."""
-LARGEST_SEED = 2**31 - 1
-"""Noise keys hold a seed in 32 bits."""
-MOST_SEEDS = 9999
-"""Upper limit on seeds, to catch typing errors."""
+LARGEST_NUMBER = 1e9  # no quantity in SI units comes near this; squares of larger numbers might overflow
+MAXIMUM_SEED = 2**31 - 1  # noise keys hold a seed in 32 bits
+MAXIMUM_SEEDS = 9999  # upper limit on seeds, to catch typing errors
 
 OTHER_NAMES = {
     "n_envs": "num_envs",
@@ -49,35 +46,37 @@ def is_number(value: Any) -> bool:
 
 
 def finite_number(
-    name: str, value: Any, least: float = -LARGEST_NUMBER, most: float = LARGEST_NUMBER, unit: str = ""
+    name: str, value: Any, minimum: float = -LARGEST_NUMBER, maximum: float = LARGEST_NUMBER, unit: str = ""
 ) -> float:
-    """A finite number from ``least`` to ``most``."""
-    if not is_number(value) or not least <= value <= most:
-        raise SwingupError(f"{name} = {quoted(value)}: use a number from {least:g} to {most:g}{unit and ' '}{unit}")
+    """A finite number from ``minimum`` to ``maximum``."""
+    if not is_number(value) or not minimum <= value <= maximum:
+        raise SwingupError(
+            f"{name} = {quoted(value)}: use a number from {minimum:g} to {maximum:g}{unit and ' '}{unit}"
+        )
     return float(value)
 
 
-def positive_number(name: str, value: Any, most: float = LARGEST_NUMBER, unit: str = "") -> float:
-    """A finite number above 0, at most ``most``."""
-    if not is_number(value) or not 0 < value <= most:
-        raise SwingupError(f"{name} = {quoted(value)}: use a positive number up to {most:g}{unit and ' '}{unit}")
+def positive_number(name: str, value: Any, maximum: float = LARGEST_NUMBER, unit: str = "") -> float:
+    """A finite number above 0, at most ``maximum``."""
+    if not is_number(value) or not 0 < value <= maximum:
+        raise SwingupError(f"{name} = {quoted(value)}: use a positive number up to {maximum:g}{unit and ' '}{unit}")
     return float(value)
 
 
-def whole_number(name: str, value: Any, least: int, most: int | None = None) -> int:
-    """A whole number from ``least`` to ``most``; 3.0 counts as 3."""
+def whole_number(name: str, value: Any, minimum: int, maximum: int | None = None) -> int:
+    """A whole number from ``minimum`` to ``maximum``; 3.0 counts as 3."""
     if not is_number(value) or (not isinstance(value, Integral) and value % 1 != 0):
         raise SwingupError(f"{name} = {quoted(value)}: use a whole number")
-    if value < least or (most is not None and value > most):
-        bounds = f"of at least {least}" if most is None else f"from {least} to {most}"
+    if value < minimum or (maximum is not None and value > maximum):
+        bounds = f"of at least {minimum}" if maximum is None else f"from {minimum} to {maximum}"
         raise SwingupError(f"{name} = {quoted(value)}: use a whole number {bounds}")
     return int(value)
 
 
 def check_seeds(seed: int, seeds: int) -> range:
     """The seeds in a row that start with ``seed``."""
-    first = whole_number("seed", seed, 0, LARGEST_SEED)
-    return range(first, first + whole_number("seeds", seeds, 1, MOST_SEEDS))
+    first = whole_number("seed", seed, 0, MAXIMUM_SEED)
+    return range(first, first + whole_number("seeds", seeds, 1, MAXIMUM_SEEDS))
 
 
 def one_of(kind: str, value: Any, choices: Iterable[str], more: str = "") -> str:

@@ -40,8 +40,7 @@ SPELLINGS = {
 """Other spellings, without spaces, points, hyphens and capitals."""
 
 
-NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-"""In an expression, as 1e-9."""
+NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"  # in an expression, as 1e-9
 LARGEST_FACTOR, SMALLEST_UNIT = 1e21, 1e-15
 """Times since 1970 in nanoseconds have 19 digits, and no unit of a pendulum comes near either."""
 SHORT_NAMES = {
@@ -179,12 +178,12 @@ def _is_place(text: str, titles: Sequence[str]) -> bool:
     return 1 <= int(text[:9]) <= len(titles)
 
 
-def _value(text: str, least: float = 0.0) -> float:
+def _value(text: str, minimum: float = 0.0) -> float:
     """A number of an expression: digits, or a part of pi."""
     pi, _, part = text.partition("/")
     value = math.pi / float(part or 1) if pi == "pi" else float(text)
-    if not least <= value <= LARGEST_FACTOR:
-        raise SwingupError(f"use a number from {least:g} to {LARGEST_FACTOR:g} in place of {text[:40]}")
+    if not minimum <= value <= LARGEST_FACTOR:
+        raise SwingupError(f"use a number from {minimum:g} to {LARGEST_FACTOR:g} in place of {text[:40]}")
     return value
 
 

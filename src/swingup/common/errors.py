@@ -13,10 +13,8 @@ import shlex
 from collections.abc import Iterator
 from typing import Any
 
-LONGEST_MESSAGE = 2000
-"""Characters of a message."""
-LONGEST_QUOTE = 60
-"""Characters that a message quotes of a value."""
+LONGEST_MESSAGE = 2000  # characters of a message
+LONGEST_QUOTE = 60  # characters that a message quotes of a value
 
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel = 3

@@ -47,20 +47,20 @@ def write_map(path: str | Path, values: Mapping[str, Any], *comments: str) -> No
     write_atomically(path, "\n".join([*lines, ""]).encode())
 
 
-def read_bytes(path: str | Path, most: int) -> bytes:
-    """Read a whole file of at most ``most`` bytes; larger ones are never held in memory."""
+def read_bytes(path: str | Path, limit: int) -> bytes:
+    """Read a whole file of at most ``limit`` bytes; larger ones are never held in memory."""
     try:
         with Path(path).open("rb") as stream:
             # One byte more shows that the file is too large, also where it has no size, such as a pipe.
-            content = stream.read(most + 1)
+            content = stream.read(limit + 1)
     except FileNotFoundError as error:
         raise SwingupError(f"no such file: {one_line(path)}") from error
     except OSError as error:
         raise SwingupError(f"cannot read {one_line(path)}: {error.strerror or error}; check the path") from error
     except ValueError as error:  # a null character
         raise SwingupError(f"cannot read {one_line(path)}: not the name of a file") from error
-    if len(content) > most:
-        raise SwingupError(f"{path} has more than {most / 1e6:g} MB: it is another kind of file")
+    if len(content) > limit:
+        raise SwingupError(f"{path} has more than {limit / 1e6:g} MB: it is another kind of file")
     return content
 
 

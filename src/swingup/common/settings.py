@@ -1,9 +1,9 @@
 """What all settings of a policy's parts share: ranges stand in the annotations; values are read and checked here.
 
 A kind of settings is a frozen dataclass with the class variable ``PART``, its key in a policy file's metadata. Its
-fields are annotated ``Annotated[kind, Range(least, most)]``; a kind is ``float``, ``int``, ``float | None`` or a
-tuple of floats. A field may also be a word, which its class checks, or settings themselves; all others are arrays.
-It is a subclass of :class:`Settings`, unless values may be traced by JAX.
+fields are annotated ``Annotated[kind, Range(minimum, maximum)]``; a kind is ``float``, ``int``, ``float | None`` or
+a tuple of floats. A field may also be a word, which its class checks, or settings themselves; all others are
+arrays. It is a subclass of :class:`Settings`, unless values may be traced by JAX.
 """
 
 from collections.abc import Mapping
@@ -20,10 +20,10 @@ NoteT = TypeVar("NoteT")
 # No tuple: Python 3.11.2 keeps one annotation for equal ones, and an exported copy's would be the package's.
 @dataclass(frozen=True)
 class Range:
-    """Least and greatest value of a setting, or of each of several numbers."""
+    """Smallest and largest value of a setting, or of each of several numbers."""
 
-    least: float
-    most: float
+    minimum: float
+    maximum: float
 
 
 def notes(field: "Field[Any]", kind: type[NoteT]) -> tuple[NoteT, ...]:
@@ -71,14 +71,14 @@ def read_values(given: Any, part: str, kind: Any) -> dict[str, Any]:
 
 def _checked(name: str, value: Any, kind: Any, bounds: Range) -> Any:
     if kind is int:
-        return whole_number(name, value, int(bounds.least), int(bounds.most))
+        return whole_number(name, value, int(bounds.minimum), int(bounds.maximum))
     if isinstance(kind, tuple):
         if not isinstance(value, list | tuple) or len(value) != len(kind):
             raise SwingupError(f"{name} = {quoted(value)}: use {len(kind)} numbers")
-        return tuple(finite_number(name, each, bounds.least, bounds.most) for each in value)
+        return tuple(finite_number(name, each, bounds.minimum, bounds.maximum) for each in value)
     if value is None and type(None) in get_args(kind):
         return None
-    return finite_number(name, value, bounds.least, bounds.most)
+    return finite_number(name, value, bounds.minimum, bounds.maximum)
 
 
 def settings_of(kind: Any) -> dict[str, tuple[Any, Range | None]]:

@@ -26,24 +26,17 @@ from .columns import SHORT_NAMES, MappedColumn, is_unit, parse_columns, suggest_
 from .errors import SwingupError, quoted
 from .files import read_bytes, write_atomically
 
-Names = tuple[str, ...]
-"""Columns that belong together."""
+Names = tuple[str, ...]  # columns that belong together
 
-MINIMUM_ROWS = 3
-"""The swing-up time looks at the rows between the first and the last."""
-EPOCH = 1e6
-"""A time beyond this (in its unit) counts from another day: the clock then starts at 0."""
-MINIMUM_STEPS = 20
-"""Steps of a rounded time that show the rate of rows: after n of them it may be off by 1/n²."""
-REPEATED_SHARE = 0.2
-"""Share of rows that repeat a time from which times are rounded; fewer are faults."""
-LARGEST_TABLE = 64_000_000
-"""Bytes of a file: a minute at 1 kHz with 17 columns has 25 MB."""
+MINIMUM_ROWS = 3  # the swing-up time looks at the rows between the first and the last
+EPOCH = 1e6  # A time beyond this (in its unit) counts from another day: the clock then starts at 0
+MINIMUM_STEPS = 20  # steps of a rounded time that show the rate of rows: after n of them it may be off by 1/n²
+REPEATED_SHARE = 0.2  # share of rows that repeat a time from which times are rounded; fewer are faults
+LARGEST_TABLE = 64_000_000  # bytes of a file: a minute at 1 kHz with 17 columns has 25 MB
 SEPARATORS = (",", ";", "\t", " ", "|")
 COMMENTS = ("#", "%", "//")
 MISSING = ("", "na", "n/a", "null", "none", "-")
-SAMPLE_ROWS = 20
-"""Rows that show the separator."""
+SAMPLE_ROWS = 20  # rows that show the separator
 BRACKET = re.compile(r"[\[(](?!\d+[\])])([^\])]*)")
 """A unit in brackets at the end of a title; a number in them, as in q[0], belongs to the name."""
 
@@ -112,16 +105,11 @@ def read_table(
 class _Cells:
     """A file's table before its columns are chosen."""
 
-    names: list[str]
-    """Of the columns, without units; empty where there is no header."""
-    units: list[str]
-    """As the titles have them in brackets, or empty."""
-    columns: list[list[Any]]
-    """Texts, or an array's numbers; empty texts where a row ends early."""
-    lines: Sequence[int]
-    """Number of each row's line in the file, from 1."""
-    surplus: int = 0
-    """The first line with more cells than there are columns; 0 if there is none."""
+    names: list[str]  # of the columns, without units; empty where there is no header
+    units: list[str]  # as the titles have them in brackets, or empty
+    columns: list[list[Any]]  # texts, or an array's numbers; empty texts where a row ends early
+    lines: Sequence[int]  # number of each row's line in the file, from 1
+    surplus: int = 0  # the first line with more cells than there are columns; 0 if there is none
 
     def place(self, title: str) -> int:
         """The place of a column, by its name or as #3."""

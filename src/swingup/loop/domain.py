@@ -226,8 +226,10 @@ def _range(name: str, value: Any) -> tuple[float, float]:
     if not low <= high:
         raise SwingupError(f"{name} = [{low:g}, {high:g}] must be a range from low to high")
     allowed = VALUES.get(name)
-    if allowed is not None and not allowed.least <= low <= high <= allowed.most:
-        raise SwingupError(f"{name} = [{low:g}, {high:g}] must lie between {allowed.least:g} and {allowed.most:g}")
+    if allowed is not None and not allowed.minimum <= low <= high <= allowed.maximum:
+        raise SwingupError(
+            f"{name} = [{low:g}, {high:g}] must lie between {allowed.minimum:g} and {allowed.maximum:g}"
+        )
     return low, high
 
 

@@ -32,19 +32,15 @@ from ..plant.plant import get_robot
 from .figure import DASHED, DOTS, LINE, THIN, Curve, Figure, Panel
 from .figures import TIME
 
-PERIOD = 0.01
-"""Between drawn rows (s)."""
+PERIOD = 0.01  # between drawn rows (s)
 STATES = ("q1 (rad)", "q2 (rad)", "dq1 (rad/s)", "dq2 (rad/s)")
 TORQUES = ("u1 (N m)", "u2 (N m)")
 ERRORS = ("Angle RMS (rad)", "median", "Velocity RMS (rad/s)", "median")
 QUANTITIES = ("angle", "angle_median", "velocity", "velocity_median")
 MEASURED = ("Swing-up (s)", "Highest tip (%)", "Largest speed (rad/s)", "Energy (J)", "Torque cost (N² m² s)")
-MAXIMUM_LOGS = 3
-"""Logs whose held-out windows are drawn."""
-FITTED, START = 0, 1
-"""Series of the fitted plant, and of the one that the fit started from."""
-SPAN = 0.995
-"""Share of the rows whose speeds the friction curves span."""
+MAXIMUM_LOGS = 3  # logs whose held-out windows are drawn
+FITTED, START = 0, 1  # series of the fitted plant, and of the one that the fit started from
+SPAN = 0.995  # share of the rows whose speeds the friction curves span
 
 
 @dataclass(frozen=True)
@@ -72,8 +68,7 @@ class LogReport:
     title: str
     lead: str
     parts: Sequence[Part]
-    notes: Sequence[str] = ()
-    """What a reader should know, one line each."""
+    notes: Sequence[str] = ()  # what a reader should know, one line each
 
 
 def shown(value: float | None, digits: int = 3) -> str:
