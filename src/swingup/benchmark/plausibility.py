@@ -2,7 +2,7 @@
 
 One balance decides what is physics. From each row the plant is simulated to the next. What is left of the velocity,
 times the mass matrix, is an impulse that gravity, friction and the recorded torque do not explain. Noise cancels in
-sums of impulses, an invented motion adds up: to a mean torque over a window, and, times velocity, to work.
+sums of impulses, an invented motion adds up to a mean torque over a window, or to energy from nowhere.
 
 A finding that ``refuses`` leaves a recording without a score; the others warn. A real robot's recording has uneven
 periods, noise, offsets, friction and the torques of its motors: the limits lie above all of 27 such recordings.
@@ -213,10 +213,15 @@ def _unexplained(
         number = 1 if scales_of(plant).time == 1 else min(_SUBSTEPS, stable_substeps(plant, float(np.median(step))))
         after = np.concatenate([_steps(plant, *chunk, number) for chunk in zip(*rows, strict=True)])[: len(step)]
     left = np.where((period <= _COARSEST)[:, None], x[1:, 2:] - after[:, 2:], 0.0)
-    m11, m12, m22 = mass_entries(lump(plant), np.cos(x[1:, 1]))
-    impulse = np.column_stack([m11 * left[:, 0] + m12 * left[:, 1], m12 * left[:, 0] + m22 * left[:, 1]])
-    work = np.cumsum(np.sum(0.5 * (x[1:, 2:] + after[:, 2:]) * impulse, axis=1))
-    found = np.array([max(0.0, work.max()), *np.abs(_sums(impulse, period, window)).max(axis=0) / window])
+    p, (q1, q2) = lump(plant), x[:, :2].T
+    m11, m12, m22 = np.broadcast_arrays(*mass_entries(p, np.cos(q2)))
+    masses = np.stack([m11, m12, m12, m22], axis=-1).reshape(-1, 2, 2)
+    impulse = np.einsum("kij,kj->ki", masses[1:], left)
+    # Friction may take energy, whatever its size: what counts is the rise beyond the torques' work.
+    kinetic = 0.5 * np.einsum("ki,kij,kj->k", x[:, 2:], masses, x[:, 2:])
+    energy = kinetic - p.gravity1 * np.cos(q1) - p.gravity2 * np.cos(q1 + q2)
+    energy[1:] -= np.cumsum(np.sum(u[:-1] * wrap_difference(np.diff(x[:, :2], axis=0)), axis=1))
+    found = np.array([energy.max() - energy[0], *np.abs(_sums(impulse, period, window)).max(axis=0) / window])
     return np.where(np.isfinite(found), found, LARGEST_NUMBER)
 
 
