@@ -1,6 +1,8 @@
 """URDF and MJCF: RealAIGym's files beside their numbers, MuJoCo's dynamics, round trips, and what is refused."""
 
 import math
+import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,12 +11,13 @@ import yaml
 
 from benchmark.independent import derivative
 from refusals import refusal
-from swingup import measured_plant, save_plant
+from swingup import SwingupError, load_policy, measured_plant, save_plant
 from swingup.loop.domain import load_domain
 from swingup.loop.on_plant import plant_as_domain
 from swingup.plant.files import SHIPPED_PLANTS, load_plant
 from swingup.plant.model_file import read_model
 from swingup.plant.plant import NAMES, make_plant
+from swingup.policy.shipped import shipped_file
 
 DATA = Path(__file__).parent / "data"
 NOT_IN_URDF = {"l2", "Ir", "gr"}
@@ -257,6 +260,72 @@ WRONG = {
 @pytest.mark.parametrize("named", WRONG)
 def test_files_that_are_no_double_pendulum(tmp_path, named):
     assert named in refusal(load_plant, write(tmp_path, WRONG[named]))
+
+
+@pytest.mark.parametrize("name", ["X.YML", "x.Yaml", "X.URDF", "x.Xml", "X.MJCF"])
+def test_names_in_capitals_are_read_as_they_were_written(tmp_path, name):
+    plant = load_plant("C.1")
+    save_plant(tmp_path / name, plant)
+    (tmp_path / "Base.YML").write_text(f"plant: {name}\nm1: 0.6\n")
+    assert load_plant(tmp_path / name).values() == pytest.approx(plant.values(), rel=1e-14)
+    assert (
+        load_domain(tmp_path / name).plant == plant_as_domain(tmp_path / name).plant == load_plant(tmp_path / name)
+    )
+    assert load_plant(tmp_path / "Base.YML").m1 == 0.6
+    shutil.copy(shipped_file("acrobot"), tmp_path / "P.SAFETENSORS")
+    assert load_policy(tmp_path / "P.SAFETENSORS").robot.name == "acrobot"
+
+
+def test_a_file_may_include_others_once_each(tmp_path):
+    parts = {
+        "body.xml": """<mujocoinclude><body name="lower" pos="0 0 -0.4"><joint name="elbow" axis="1 0 0"/>
+            <geom type="capsule" fromto="0 0 0 0 0 -0.6" size="0.02"/></body></mujocoinclude>""",
+        "motor.xml": """<mujoco><actuator><motor joint="elbow" ctrlrange="-2 2"/></actuator>
+            <include file="motor.xml"/><include file="/dev/zero"/></mujoco>""",
+    }
+    for name, text in parts.items():
+        (tmp_path / name).write_text(text)
+    found = read_model(write(tmp_path, """<mujoco><include file="motor.xml"/><worldbody><body name="upper">
+        <joint name="shoulder" axis="1 0 0"/><geom type="capsule" fromto="0 0 0 0 0 -0.4" size="0.02"/>
+        <include file="body.xml"/></body></worldbody></mujoco>"""))  # fmt: skip
+    assert (found.facts["l1"], found.facts["tl2"]) == (0.4, 2.0)
+    assert sum("<include> of motor.xml" in note or "/dev/zero" in note for note in found.notes) == 2
+
+
+def test_point_masses_and_links_of_one_moment(tmp_path):
+    """MuJoCo takes no inertia that is zero about an axis; a pendulum in a plane needs one moment alone."""
+    text = urdf().replace(f'iyy="{0.16 / 12}" izz="0.001"', 'iyy="0.02" izz="0"').replace('iyy="0.03"', 'iyy="0"')
+    facts = read_model(write(tmp_path, text.replace(f'ixx="{0.16 / 12}"', 'ixx="0"'))).facts
+    # 1 kg at 0.2 m with 0.02 kg m² about its centre, and 1 kg at 0.3 m.
+    assert (facts["I1"], facts["I2"]) == pytest.approx((0.06, 0.09), rel=1e-12)
+
+
+def test_what_is_written_can_be_read(tmp_path):
+    """Or it is refused when it is written: MuJoCo and readers have bounds."""
+    plant, written = load_plant("C.1"), 0
+    extremes = {"cf1": 9.9e8, "tl2": 9e8, "gr": 1e-5, "Ir": 9e8, "I1": 9e8, "m2": 9e8, "b1": 9e8}
+    for name, value in {**extremes, "l1": 1e-8, "l2": 1e-9, "g": 1e-9, "cf2": 1e-300, "Ir ": 1e-300}.items():
+        for ending in ("xml", "urdf"):
+            path, extreme = tmp_path / f"x.{ending}", plant.changed(**{name.strip(): value})
+            try:
+                save_plant(path, extreme)
+            except SwingupError:
+                assert not path.exists()
+            else:
+                written += 1
+                assert load_plant(path).values() == pytest.approx(extreme.values(), rel=1e-9, abs=1e-12)
+                path.unlink()
+    assert written > 8
+
+
+def test_damaged_installations_are_named(tmp_path, monkeypatch):
+    """An upgrade of MuJoCo 3 to 4 removes files of the new packages; MuJoCo's own error names the remedy."""
+    (tmp_path / "mujoco.py").write_text("raise ImportError('bindings are missing: pip install --force-reinstall')")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "mujoco")
+    assert "cannot be imported: bindings are missing" in refusal(read_model, DATA / "C.1.urdf")
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    assert "pip install 'swingup[mujoco]'" in refusal(read_model, DATA / "C.1.urdf")
 
 
 def test_what_cannot_be_written(tmp_path):

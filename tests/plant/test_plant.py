@@ -18,11 +18,13 @@ from swingup.plant.measured import measured_plant
 from swingup.plant.plant import LEADERBOARD, ROBOTS, get_robot, torque_over_gravity, validated
 from swingup.plant.units import (
     ACCELERATION,
+    COMPLIANCE,
     DAMPING,
     INERTIA,
     REFERENCE,
     VELOCITY,
     Scales,
+    Unit,
     scales_of,
     similar_plant,
 )
@@ -132,6 +134,7 @@ def test_mass_matrix_must_be_definite():
 BAD_FILES = {
     "m1 = -0.5 must be positive": {"m1": -0.5},
     **{f"{name} = 0 must be positive": {name: 0.0} for name in ("m2", "l1", "l2", "g")},
+    **{f"{name} = 1e-200 must be at least 1e-09": {name: 1e-200} for name in ("m1", "l1", "l2", "g")},
     "tl1 = -1 must not be negative": {"tl1": -1.0},
     "r1 = nan must be finite": {"r1": math.nan},
     "l1 = 1e+200 must be finite and below 1e+09": {"l1": 1e200},
@@ -200,6 +203,11 @@ def test_units_of_two_point_masses():
     )  # fmt: skip
     assert REFERENCE[0] * scales_of(plant).time == pytest.approx(math.sqrt(1.53 / 21))
     assert torque_over_gravity(plant) == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("scales", [Scales(1.0, 0.0, 1.0), Scales(1e-200, 1.0, 1.0), Scales(1.0, 1.0, 1e200)])
+def test_units_that_no_number_has(scales):
+    assert "nothing can be scaled" in refusal(lambda: [*map(scales.of, (COMPLIANCE, ACCELERATION, Unit(length=2)))])
 
 
 def test_units_of_c1_are_exactly_1_and_those_of_a_similar_pendulum_its_factors(similar):

@@ -11,7 +11,7 @@ from ..benchmark.boards import SIM2REAL, swing_up_board
 from ..benchmark.recording import driven_robot, load_trajectory, save_trajectory
 from ..common.checks import check_seeds, one_of, positive_number
 from ..common.errors import SwingupError, command_line
-from ..common.files import check_suffix, check_writable, write_atomically
+from ..common.files import check_suffix, check_writable, has_suffix, write_atomically
 from ..controllers.baselines.baselines import BASELINES, DESIGN_SEED, design_of, in_real_units, shipped_reference
 from ..controllers.swingups.reference import save_reference, save_reference_csv
 from ..export.c_header import c_header
@@ -131,7 +131,7 @@ def _export_trajectory(name: str, robot: Robot | None, out: str, plant: PlantOpt
         reference = reference if design.shipped else in_real_units(reference, design.scales)
         command = command_line("export", name, robot=robot.name, to=TRAJECTORY, **plant, seed=seed, out=out)
         provenance |= {"plant": write_plant(on.driven(robot)), "command": command}
-    if out.endswith(".csv"):
+    if has_suffix(out, ".csv"):
         save_reference_csv(out, reference)
     else:
         save_reference(out, reference, provenance)

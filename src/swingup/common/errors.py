@@ -48,8 +48,10 @@ def needing(package: str, extra: str, what: str) -> Iterator[None]:
     """Name the extra that installs a package without which something does not work."""
     try:
         yield
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise SwingupError(f"{what} needs {package}, which is missing: pip install 'swingup[{extra}]'") from error
+    except ImportError as error:  # it is there, and damaged
+        raise SwingupError(f"{what} needs {package}, which cannot be imported: {one_line(error)}") from error
 
 
 @contextlib.contextmanager

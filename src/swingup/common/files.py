@@ -112,9 +112,13 @@ def _umask() -> int:
     return mask
 
 
+def has_suffix(path: str | Path, *known: str) -> bool:
+    """Whether a file's name ends in one of some suffixes, in small letters or capitals."""
+    return Path(path).suffix.lower() in known
+
+
 def check_suffix(path: str | Path, known: Sequence[str]) -> str:
     """The suffix of an output file, in lower case."""
-    suffix = Path(path).suffix.lower()
-    if suffix not in known:
+    if not has_suffix(path, *known):
         raise SwingupError(f"cannot write {path}: its name must end in {' or '.join(known)}")
-    return suffix
+    return Path(path).suffix.lower()

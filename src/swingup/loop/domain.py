@@ -17,6 +17,7 @@ import jax
 
 from ..common.checks import one_of
 from ..common.errors import SwingupError, naming, one_line, quoted
+from ..common.files import has_suffix
 from ..common.yaml_map import read_map
 from ..dynamics.integrate import stable_substeps
 from ..plant.files import PARAMETER_FILES, PLANT_FILES, SHIPPED_PLANTS, base_plant, is_model_file, load_plant
@@ -209,7 +210,7 @@ def load_domain(source: str | Path) -> Domain:
             return make_domain(read_map(path, "domain"), source)
     if source in SHIPPED_PLANTS or is_model_file(source):
         return make_domain({"plant": load_plant(source)}, source)
-    if not source.endswith(PARAMETER_FILES):
+    if not has_suffix(source, *PARAMETER_FILES):
         one_of("domain", source, (*SHIPPED_DOMAINS, *SHIPPED_PLANTS), " or a YAML file (.yml)")
     with naming(f"domain {one_line(source)}"):
         return make_domain(read_map(source, "domain"), source, Path(source).parent)

@@ -3,6 +3,7 @@
 import dataclasses
 from pathlib import Path
 
+from ..common.files import has_suffix
 from ..plant.files import PARAMETER_FILES, load_plant
 from ..plant.plant import PlantLike
 from ..plant.units import scaled, scales_of
@@ -64,7 +65,7 @@ def drawn_around(plant: PlantLike, share: float = 0.1) -> Domain:
 
 def plant_as_domain(plant: PlantLike) -> Domain:
     """A plant as a domain; its file may have a loop and ranges as well."""
-    if isinstance(plant, str | Path) and Path(plant).suffix in PARAMETER_FILES and Path(plant).is_file():
+    if isinstance(plant, str | Path) and has_suffix(plant, *PARAMETER_FILES) and Path(plant).is_file():
         return load_domain(plant)
     found = load_plant(plant)
     return make_domain({"plant": found}, found.name)

@@ -3,9 +3,8 @@
     θ = [A, B, m2 r2, k, b1, b2, cf1, cf2, Ir],   A = I1 + I2 + m2 l1²,   B = I2,   k = m1 r1 + m2 l1
 
 Lengths, gear ratio and gravity are known. The coupling of the links is l1 m2 r2, and gravity's torques are g k and
-g m2 r2. Motion alone does not tell one common factor on θ and on the torque: the commanded torque sets the scale.
-A motor that delivers 85 % of its command therefore shows as a θ that is 1/0.85 of the true one; the motion is the
-same.
+g m2 r2. Scaling θ and all torques by one factor leaves the motion unchanged, so the commanded torque sets the
+scale: a motor that delivers 85 % of its command makes θ appear as 1/0.85 of the true one.
 """
 
 from typing import Any, NamedTuple
@@ -22,13 +21,13 @@ FRICTIONS = slice(4, 8)
 """Places of b1 to cf2 in θ."""
 
 INERTIAL_SPREAD = 0.25
-"""Spread of I1, I2, m2, r1 and r2 as a share of each: how far plants lie from the nominal one."""
+"""Standard deviation of I1, I2, m2, r1 and r2 over plants, as a share of each nominal value."""
 OTHER_SPREADS = (0.1, 0.1, 0.2, 0.2, 1e-4)
-"""Spread of b1 and b2 (N m s/rad), cf1 and cf2 (N m), and Ir (kg m²)."""
+"""Standard deviations of b1 and b2 (N m s/rad), cf1 and cf2 (N m), and Ir (kg m²)."""
 
 
 class Geometry(NamedTuple):
-    """What equations in base parameters take as known of a plant."""
+    """The numbers of a plant that the equations in base parameters take as known."""
 
     l1: float
     """Length of link 1 (m)."""
@@ -52,7 +51,7 @@ def base_parameters(p: Plant, xp: Any = np) -> Any:
 def base_covariance(p: Plant) -> np.ndarray:
     """Covariance (9, 9) of θ over plants about a nominal one, J diag(σ²) Jᵀ with the derivatives J of θ.
 
-    A heavier second link raises A, m2 r2 and k together: the correlations say so.
+    The correlations matter: a heavier second link raises A, m2 r2 and k together.
     """
     l1, share = p.l1, INERTIAL_SPREAD
     # Columns: I1, I2, m2, r1 and r2 as shares of themselves, then b1 to Ir.
@@ -81,11 +80,11 @@ def friction_of(theta: Any) -> Friction:
 def feasible_fraction(
     theta: Any, nominal: Any, geometry: Geometry, margin: float, minimum: Any, root: Any
 ) -> Number:
-    """The largest share s in [0, 1] of the step θ0 + s (θ - θ0) whose mass matrix is at least margin M(θ0).
+    """The largest share s in [0, 1] for which the mass matrix of θ0 + s (θ - θ0) is at least margin M(θ0).
 
-    M is linear in θ, so that the eigenvalues of M(θ0)⁻¹ M go straight from 1 to those of θ. For any θ the least of
-    them over all q2 lies at cos q2 = ±1, where the determinant, concave in cos q2, is smallest. ``minimum`` and
-    ``root`` are those of this kind of number.
+    M is linear in θ, so that the eigenvalues of M(θ0)⁻¹ M change linearly from 1 to those of θ. Their minimum over
+    all q2 lies at cos q2 = ±1, where the determinant, concave in cos q2, is smallest. ``minimum`` and ``root`` are
+    the functions for this kind of number.
     """
     share: Number = 1.0
     for cos2 in (1.0, -1.0):
@@ -96,7 +95,7 @@ def feasible_fraction(
         half = 0.5 * (n22 * m11 - 2 * n12 * m12 + n11 * m22) / determinant
         product = (m11 * m22 - m12 * m12) / determinant
         # Both eigenvalues are real; rounding may not make the root's argument negative.
-        least = half - root(abs(half * half - product))
+        smallest = half - root(abs(half * half - product))
         # The inner minimum keeps a step that needs no cut at exactly 1.
-        share = minimum(share, (1.0 - margin) / (1.0 - minimum(least, margin)))
+        share = minimum(share, (1.0 - margin) / (1.0 - minimum(smallest, margin)))
     return share

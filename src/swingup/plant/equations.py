@@ -163,9 +163,9 @@ class ArrayOps(NamedTuple):
     NumPy calls the function only where it must, JAX always.
     """
 
-    def clip(self, value: Number, least: Number, most: Number) -> Number:
+    def clip(self, value: Number, low: Number, high: Number) -> Number:
         """A number within bounds; NaN stays."""
-        return self.minimum(self.maximum(value, least), most)
+        return self.minimum(self.maximum(value, low), high)
 
     def nearest(self, angles: Any) -> Any:
         """Differences of angles (rad), less full turns; small ones keep all digits."""

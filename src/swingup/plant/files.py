@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from ..common import __version__
-from ..common.checks import one_of
+from ..common.checks import LARGEST_NUMBER, one_of
 from ..common.errors import SwingupError, naming, one_line, quoted
-from ..common.files import write_atomically, write_map
+from ..common.files import has_suffix, write_atomically, write_map
 from .base_parameters import BASE_NAMES, base_parameters
 from .plant import LEADERBOARD, NAMES, Plant, PlantLike, make_plant, validated
 
@@ -57,12 +57,12 @@ def load_plant(source: PlantLike) -> Plant:
 
 def is_plant_name(name: str) -> bool:
     """Whether a name is a shipped plant's or a file's, as the command line takes them."""
-    return name in SHIPPED_PLANTS or name.endswith(PARAMETER_FILES) or is_model_file(name)
+    return name in SHIPPED_PLANTS or has_suffix(name, *PARAMETER_FILES) or is_model_file(name)
 
 
 def is_model_file(name: str | Path) -> bool:
     """Whether a name is that of a URDF or an MJCF; of xacro, the reader says what to do."""
-    return str(name).lower().endswith((*MODEL_FILES, ".xacro"))
+    return has_suffix(name, *MODEL_FILES, ".xacro")
 
 
 def base_plant(source: object, folder: str | Path) -> Plant:
@@ -122,8 +122,11 @@ def _entries(file: str | Path) -> dict[str, Any]:
 TEMPLATES = {".urdf": "pendulum.urdf", ".xml": "pendulum.xml", ".mjcf": "pendulum.xml"}
 """Texts by the ends of file names, with gaps ``$like_this`` for numbers."""
 
-LEAST_GEAR = 1e-6
-"""Least gear ratio: the square of a smaller one divides no inertia."""
+SMALLEST_FACT = 1e-6
+"""Smallest gear ratio, whose square divides an inertia, and smallest length (m) in a model file."""
+
+SMALLEST_BODY = 1e-14
+"""MuJoCo takes masses (kg) and inertias (kg m²) below a tenth of it for 0, and refuses them."""
 
 CHOSEN_NUMBERS = ("m1", "m2", "r1", "r2", "I1")
 """Numbers that another plant, which moves alike, may have otherwise."""
@@ -146,12 +149,12 @@ def save_plant(path: str | Path, plant: Plant, comments: Sequence[str] = ()) -> 
     """
     plant = validated(plant)
     values = plant.values()
-    if str(path).lower().endswith(MODEL_FILES):
+    if has_suffix(path, *MODEL_FILES):
         base = dict(zip(BASE_NAMES, base_parameters(plant).tolist(), strict=True))
         alike = plant if _is_buildable(values) else representative(base, plant)
         _write_model(path, Path(plant.name or path).name, alike.values(), values)
         return
-    if not str(path).lower().endswith(PARAMETER_FILES):
+    if not has_suffix(path, *PARAMETER_FILES):
         raise SwingupError(f"cannot write {path}: name {PLANT_FILES}")
     write_map(path, values, *comments)
 
@@ -163,11 +166,11 @@ def representative(base: Mapping[str, float], start: Plant) -> Plant:
     """
     l1, shoulder = float(start.l1), base["A"] - base["B"]
     # Bodies in a simulation have no geared rotors: a part of the elbow's inertia is theirs (``_without_rotors``).
-    least = INERTIA_MARGIN * base["m2r2"] ** 2 / (base["B"] - float(start.gr) * base["Ir"])
+    lightest = INERTIA_MARGIN * base["m2r2"] ** 2 / (base["B"] - float(start.gr) * base["Ir"])
     # Link 1 keeps a part of the inertia and of the moment, so that both stay positive.
-    most = min(0.95 * shoulder / l1**2, 0.98 * base["k"] / l1)
+    heaviest = min(0.95 * shoulder / l1**2, 0.98 * base["k"] / l1)
     # Where link 2 is too heavy for its inertia, the masses cannot be consistent: the equations still hold.
-    m2 = float(np.clip(start.m2, least, most)) if 0 < least < most else most
+    m2 = float(np.clip(start.m2, lightest, heaviest)) if 0 < lightest < heaviest else heaviest
     rest, I1 = base["k"] - m2 * l1, shoulder - m2 * l1**2
     # At a given m1 r1, m1 r1² falls with m1: heavy enough, link 1 can be built.
     m1 = max(float(start.m1), INERTIA_MARGIN * rest**2 / I1)
@@ -186,21 +189,25 @@ def _write_model(path: str | Path, name: str, bodies: Mapping[str, float], plant
             raise SwingupError(
                 f"cannot write {path}: {fact} = {bodies[fact]:g} is negative, which model files may not have"
             )
-    if not bodies["gr"] >= LEAST_GEAR:
-        raise SwingupError(f"cannot write {path}: gr = {bodies['gr']:g} must be at least {LEAST_GEAR:g}")
+    for fact in ("gr", "l1", "l2"):
+        if not bodies[fact] >= SMALLEST_FACT:
+            raise SwingupError(f"cannot write {path}: {fact} = {bodies[fact]:g} must be at least {SMALLEST_FACT:g}")
     if not _is_buildable(bodies):
         raise SwingupError(
             f"cannot write {path}: no bodies move as this plant does, whose inertias are below m r²; raise I2"
         )
     # Numbers of no body would be lost in the bodies that move alike.
     kept = "" if bodies == plant else f' data="{" ".join(repr(plant[fact]) for fact in CHOSEN_NUMBERS)}"'
-    write_atomically(path, model_text(Path(path).suffix.lower(), name, bodies, kept).encode())
+    with naming(f"cannot write {path}"):
+        text = model_text(Path(path).suffix.lower(), name, bodies, kept)
+    write_atomically(path, text.encode())
 
 
 def _is_buildable(plant: Mapping[str, float]) -> bool:
     """Whether both links' inertias about their centres are positive, without the rotors."""
     inertias = _without_rotors(plant)[:2]
-    return all(inertias[link - 1] > plant[f"m{link}"] * plant[f"r{link}"] ** 2 for link in (1, 2))
+    centred = (inertias[link - 1] - plant[f"m{link}"] * plant[f"r{link}"] ** 2 for link in (1, 2))
+    return min(*centred, plant["m1"], plant["m2"]) > SMALLEST_BODY
 
 
 def _without_rotors(plant: Mapping[str, float]) -> tuple[float, float, float, float]:
@@ -222,19 +229,17 @@ def model_text(suffix: str, name: str, plant: Mapping[str, float], kept: str = "
         m, l, r, cf, tl = (plant[f"{each}{link}"] for each in ("m", "l", "r", "cf", "tl"))  # noqa: E741
         # Both formats have inertias about the centre of mass, a plant about the joint.
         own = {"about": inertia - m * r**2, "armature": armature, "rotor": armature / gear**2, "thick": l / 40}
-        own |= {"at_l": -l, "at_r": -r, "half": -l / 2, "loss": math.pi / 2 * cf}
+        own |= {"at_l": -l, "at_r": -r, "half": -l / 2, "loss": math.pi / 2 * cf, "command": tl / gear}
         numbers |= {f"{each}{link}": value for each, value in own.items()}
         # MuJoCo refuses a motor whose range is empty.
         if tl > 0:
-            joint, most = ("shoulder", "elbow")[link - 1], tl / gear
-            motors += f'<motor name="{joint}" joint="{joint}" gear="{gear!r}" ctrlrange="{-most!r} {most!r}"/>'
+            joint, end = ("shoulder", "elbow")[link - 1], tl / gear
+            motors += f'<motor name="{joint}" joint="{joint}" gear="{gear!r}" ctrlrange="{-end!r} {end!r}"/>'
+    for fact, value in numbers.items():
+        if not abs(value) < LARGEST_NUMBER:
+            raise SwingupError(f"{fact} = {value:g} would stand in it, and readers take numbers below 1e9")
     custom = f'<numeric name="{OUR_ELEMENT}"{kept}/>' if kept else ""
-    texts = {
-        "name": '"' + html.escape(one_line(name)) + '"',
-        "version": __version__,
-        "kept": kept,
-        "own": custom,
-        "motors": motors,
-    }
+    texts = {"name": f'"{html.escape(one_line(name))}"', "version": __version__}
+    texts |= {"kept": kept, "own": custom, "motors": motors}
     template = (resources.files(__package__) / TEMPLATES[suffix]).read_text(encoding="utf-8")
     return Template(template).substitute({key: repr(value) for key, value in numbers.items()} | texts)

@@ -127,19 +127,19 @@ def _check(plant: Plant, given: Mapping[str, float]) -> list[str]:
     """Check I ≥ m r², which fitted plants may break and given values may not, and tell the times of swings."""
     notes = []
     for name in ("l1", "l2", "m1", "m2", "I1", "I2"):
-        most, unit, smaller = HUGE[name[0]]
-        if getattr(plant, name) > most:
+        bound, unit, smaller = HUGE[name[0]]
+        if getattr(plant, name) > bound:
             notes.append(f"{name} = {getattr(plant, name):g} {unit} is huge: is it in {smaller}?")
     for link in (1, 2):
         inertia, point = getattr(plant, f"I{link}"), getattr(plant, f"m{link}") * getattr(plant, f"r{link}") ** 2
         if inertia < point * (1 - 1e-9):
-            told = (
-                f"I{link} = {inertia:.4g} kg m² is below m{link} r{link}² = {point:.4g}, the least that a body can "
-                f"have about its joint: if it is about the centre of mass, give Ic{link}"
+            low = (
+                f"I{link} = {inertia:.4g} kg m² is below m{link} r{link}² = {point:.4g}, the minimum of a body "
+                f"about its joint: if it is about the centre of mass, give Ic{link}"
             )
             if {f"I{link}", f"Ic{link}"} & given.keys():
-                raise SwingupError(told)
-            notes.append(told)
+                raise SwingupError(low)
+            notes.append(low)
     # Times that a stopwatch can check are the best test of numbers from a ruler.
     lumped = lump(plant)
     m11, m12, m22 = mass_entries(lumped, 1.0)

@@ -10,10 +10,11 @@ as a plant's cf, as RealAIGym's files mean it. MJCF's dry friction has the torqu
 plant's, cf arctan(100 q̇), tends to cf π/2.
 """
 
+import contextlib
 import math
 import re
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -97,8 +98,9 @@ def read_model(path: str | Path, inertia: str | None = None, gear: float | None 
         is_urdf = root.tag == "robot"
         own = root.find(OUR_ELEMENT if is_urdf else f"custom/numeric[@name='{OUR_ELEMENT}']")
         kept = None if own is None else own.get("data")
-        source = (_urdf if is_urdf else _mjcf)(root, notes)
-        links, gravity = _links(source, notes)
+        with _heeding_mujoco(notes):
+            source = (_urdf if is_urdf else _mjcf)(root, notes)
+            links, gravity = _links(source, notes)
         about = inertia or source.about
         model = double_pendulum(links, gravity, gear or source.gear, notes, about, is_asked=is_urdf)
         return model if kept is None else _recalled(model, kept)
@@ -196,19 +198,20 @@ def _number(element: Element | None, name: str, default: float = 0.0) -> float:
         raise SwingupError(f"{_named(element)} has {name} = {text}: write a number") from None
 
 
-def _compiled(call: Callable[[], Any], notes: list[str]) -> Any:
-    """What MuJoCo returns. Its errors become ours, and its warnings notes."""
+@contextlib.contextmanager
+def _heeding_mujoco(notes: list[str]) -> Iterator[None]:
+    """Make our errors of MuJoCo's, and notes of its warnings."""
+    import mujoco
+
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            found = call()
-        except Exception as error:  # of several kinds, all about the file
+            yield
+        except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
             # MuJoCo counts the lines of another text than the user's file.
             text = re.sub(r",? \b(id|line) -?\d+", "", str(error)).removeprefix("Error: ").strip()
-            text = one_line(text.replace("\n", "; "))
-            raise SwingupError(f"MuJoCo refuses it ({text})") from error
+            raise SwingupError(f"MuJoCo refuses it ({one_line(text.replace(chr(10), '; '))})") from error
     notes += [f"MuJoCo: {one_line(each.message)}" for each in caught]
-    return found
 
 
 def _recalled(model: Model, kept: str) -> Model:
@@ -264,7 +267,7 @@ def _urdf(root: Element, notes: list[str]) -> _Source:
     stated = {link.get("name", ""): _inertial(link) for link in root.findall("link")}
     # Frames without mass may mark the tip, and so may drawings.
     SubElement(SubElement(root, "mujoco"), "compiler", fusestatic="false", discardvisual="false")
-    spec = _compiled(lambda: mujoco.MjSpec.from_string(tostring(root, "unicode")), notes)
+    spec = mujoco.MjSpec.from_string(tostring(root, "unicode"))
     for each in spec.joints:
         each.armature = rotors.get(each.name, 0.0)
     gravity, about = _number(own, "gravity", GRAVITY), None if own is None else own.get("inertia")
@@ -363,7 +366,7 @@ def _mjcf(root: Element, notes: list[str]) -> _Source:
         unread += [each for each in root if parent is root and each.tag not in MJCF_SECTIONS]
         for each in unread:
             parent.remove(each)
-    spec = _compiled(lambda: mujoco.MjSpec.from_string(tostring(root, "unicode")), notes)
+    spec = mujoco.MjSpec.from_string(tostring(root, "unicode"))
     for name in ("density", "viscosity"):
         if getattr(spec.option, name) != 0:
             size = getattr(spec.option, name)
@@ -486,7 +489,7 @@ def _links(source: _Source, notes: list[str]) -> tuple[tuple[Link, Link], np.nda
         raise SwingupError(
             f"{len(names)} joints move{shown}, and a double pendulum has two: remove or fix the others"
         )
-    model = _compiled(spec.compile, notes)
+    model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     links = []

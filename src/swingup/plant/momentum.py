@@ -63,7 +63,7 @@ def momentum_rows(
 
 
 def inertial_row(joint: int, acceleration: Pair, cos2: Number, geometry: Geometry) -> tuple[Number, ...]:
-    """What accelerations (rad/s²) add to a joint's row of Y, for the base parameters (9,)."""
+    """The part of a joint's row of Y that accelerations (rad/s²) cause, for the base parameters (9,)."""
     (a1, a2), gr, along = acceleration, geometry.gr, geometry.l1 * cos2
     none = 0.0 * a1
     if joint == 0:
@@ -91,21 +91,16 @@ class _Half(NamedTuple):
     """Half of the equation, at the midpoint of one step."""
 
     rates: Pair
-    momentum1: Number
-    """p1 / (m2 r2) without the parts of A and B; ``momentum2`` is that of p2."""
-    momentum2: Number
-    turning: Number
-    """l1 sin(q2) q̇1 (q̇1 + q̇2)."""
-    pull1: Number
-    """g sin(q1); ``pull2``: g sin(q1 + q2)."""
-    pull2: Number
-    slope1: Number
-    """g cos(q1); ``slope2``: g cos(q1 + q2)."""
-    slope2: Number
-    bend1: Number
-    """Derivative of ``momentum1`` by q2; ``bend2`` and ``bending`` are those of the others."""
-    bend2: Number
-    bending: Number
+    momentum1: Number  # p1 / (m2 r2) without the parts of A and B
+    momentum2: Number  # the same of p2
+    turning: Number  # l1 sin(q2) q̇1 (q̇1 + q̇2)
+    pull1: Number  # g sin(q1)
+    pull2: Number  # g sin(q1 + q2)
+    slope1: Number  # g cos(q1)
+    slope2: Number  # g cos(q1 + q2)
+    bend1: Number  # ∂ momentum1 / ∂ q2
+    bend2: Number  # ∂ momentum2 / ∂ q2
+    bending: Number  # ∂ turning / ∂ q2
 
 
 def _half(start: Pair, end: Pair, step: Number, geometry: Geometry, ops: ArrayOps) -> _Half:

@@ -43,6 +43,9 @@ def get_robot(name: str | Robot) -> Robot:
     return ROBOTS[one_of("robot", name, ROBOTS)]
 
 
+SMALLEST_NUMBER = 1e-9
+"""No mass (kg), length (m) or gravity (m/s²) comes near this; squares of smaller numbers might underflow."""
+
 FRICTIONLESS_SUFFIX = ", frictionless"
 """Ends the name of a plant whose friction was left out."""
 
@@ -167,10 +170,13 @@ def validated(plant: Plant) -> Plant:
     for name in ("m1", "m2", "l1", "l2", "g"):
         if getattr(found, name) <= 0:
             raise SwingupError(f"parameter {name} = {getattr(found, name):g} must be positive")
+        if getattr(found, name) < SMALLEST_NUMBER:
+            value = getattr(found, name)
+            raise SwingupError(f"parameter {name} = {value:g} must be at least {SMALLEST_NUMBER:g}: use SI units")
     for name in ("tl1", "tl2"):
         if getattr(found, name) < 0:
             raise SwingupError(f"parameter {name} = {getattr(found, name):g} must not be negative")
-    # det M is concave in cos(q2), so that its least value lies at cos(q2) = 1 or -1.
+    # det M is concave in cos(q2), so that its minimum lies at cos(q2) = 1 or -1.
     for cos_q2 in (1.0, -1.0):
         m11, m12, m22 = mass_entries(lump(found), cos_q2)
         if not (m22 > 0 and m11 * m22 - m12 * m12 > 0):

@@ -20,6 +20,7 @@ import dataclasses
 import math
 from typing import Any, NamedTuple, TypeVar
 
+from ..common.errors import SwingupError
 from ..common.settings import notes
 from .plant import TORQUE_LIMIT, Plant, time_and_gravity
 
@@ -71,8 +72,19 @@ class Scales(NamedTuple):
     """Unit of length: the upper link's, relative to 0.2 m."""
 
     def of(self, unit: Unit) -> float:
-        """A unit as a multiple of C.1's."""
-        return self.torque**unit.torque * self.time**unit.time * self.length**unit.length
+        """A unit as a multiple of C.1's.
+
+        Raises:
+            SwingupError: a plant without motors has no such unit, or an extreme one has none within floating point.
+        """
+        try:
+            return self.torque**unit.torque * self.time**unit.time * self.length**unit.length
+        except ArithmeticError:
+            sizes = f"{self.torque:g}, {self.time:g} and {self.length:g} times C.1's"
+            raise SwingupError(
+                f"the pendulum's torque limit, time and upper link are {sizes}, and nothing can be scaled to them: "
+                "give it a motor, and SI units"
+            ) from None
 
     def scaled(self, value: Any, *units: Unit) -> Any:
         """What suits C.1, for the pendulum: a number, or those of a tuple or of an array's last axis.

@@ -7,6 +7,7 @@ from pathlib import Path
 from ..common.arrays import SUFFIX
 from ..common.checks import one_of
 from ..common.errors import SwingupError, naming, quoted
+from ..common.files import has_suffix
 from ..plant.files import load_plant
 from ..plant.plant import PlantLike, Robot, get_robot
 from .pendulum import PendulumPolicy, for_plant, read_pendulum_policy
@@ -40,7 +41,7 @@ def shipped_file(robot: Robot | str, name: str = DEFAULT) -> Traversable:
 
 def is_policy(source: str | Path) -> bool:
     """Whether a name means a policy: a shipped one, or a file."""
-    return source in SHIPPED_POLICIES or str(source).endswith(SUFFIX)
+    return source in SHIPPED_POLICIES or has_suffix(source, SUFFIX)
 
 
 def load_policy(
@@ -64,7 +65,7 @@ def load_policy(
 
 
 def _read(source: str | Path, robot: Robot | str | None) -> PendulumPolicy:
-    if str(source).endswith(SUFFIX):
+    if has_suffix(source, SUFFIX):
         return read_pendulum_policy(source, robot)
     name = one_of("policy", str(source), SHIPPED_POLICIES, f" or a policy file ({SUFFIX})")
     if robot is None:
