@@ -319,11 +319,13 @@ def test_what_is_written_can_be_read(tmp_path):
 
 
 def test_damaged_installations_are_named(tmp_path, monkeypatch):
-    """An upgrade of MuJoCo 3 to 4 removes files of the new packages; MuJoCo's own error names the remedy."""
-    (tmp_path / "mujoco.py").write_text("raise ImportError('bindings are missing: pip install --force-reinstall')")
+    """An upgrade of MuJoCo 3 to 4 removes files of the new packages, of which pip still lists all."""
+    (tmp_path / "mujoco.py").write_text("raise ImportError('its core bindings are missing')")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "mujoco")
-    assert "cannot be imported: bindings are missing" in refusal(read_model, DATA / "C.1.urdf")
+    assert "missing): pip uninstall mujoco mujoco-core mujoco-studio, then" in refusal(
+        read_model, DATA / "C.1.urdf"
+    )
     monkeypatch.setitem(sys.modules, "mujoco", None)
     assert "pip install 'swingup[mujoco]'" in refusal(read_model, DATA / "C.1.urdf")
 

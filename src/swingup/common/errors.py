@@ -44,14 +44,20 @@ def naming(subject: str, remedy: str = "") -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def needing(package: str, extra: str, what: str) -> Iterator[None]:
-    """Name the extra that installs a package without which something does not work."""
+def needing(package: str, extra: str, what: str, parts: str = "") -> Iterator[None]:
+    """Name the extra that installs a package without which something does not work.
+
+    A damaged package is to be uninstalled first, with its ``parts``.
+    """
     try:
         yield
     except ModuleNotFoundError as error:
         raise SwingupError(f"{what} needs {package}, which is missing: pip install 'swingup[{extra}]'") from error
-    except ImportError as error:  # it is there, and damaged
-        raise SwingupError(f"{what} needs {package}, which cannot be imported: {one_line(error)}") from error
+    except ImportError as error:
+        raise SwingupError(
+            f"{what} needs {package}, which is damaged ({one_line(error, 120)}): "
+            f"pip uninstall {package}{parts}, then pip install 'swingup[{extra}]'"
+        ) from error
 
 
 @contextlib.contextmanager

@@ -85,7 +85,7 @@ def read_model(path: str | Path, inertia: str | None = None, gear: float | None 
     """
     if inertia is not None:
         one_of("inertia", inertia, READINGS)
-    with needing("mujoco", "mujoco", "reading a URDF or an MJCF"):
+    with needing("mujoco", "mujoco", "reading a URDF or an MJCF", " mujoco-core mujoco-studio"):
         import mujoco  # noqa: F401
     notes: list[str] = []
     try:
