@@ -138,12 +138,12 @@ def test_cycles_are_of_whole_iterations_and_a_constant_schedule_changes_nothing(
 
 
 # With so few random bits wanted frames' numbers share a word with them; with so many they do not.
-LEAST = {"tagged": optimisation.LEAST_RANDOM, "sorted by bits": optimisation.WORD + 1}
+LEAST = {"tagged": optimisation.MIN_RANDOM_BITS, "sorted by bits": optimisation.WORD_BITS + 1}
 
 
 @pytest.fixture(params=LEAST.values(), ids=LEAST)
 def orders(request, monkeypatch):
-    monkeypatch.setattr(optimisation, "LEAST_RANDOM", request.param)
+    monkeypatch.setattr(optimisation, "MIN_RANDOM_BITS", request.param)
 
     def draw(epochs, size):
         return np.asarray(jax.jit(lambda key: optimisation.shuffled(key, epochs, size))(jax.random.key(0)))

@@ -15,7 +15,7 @@ from swingup.areapo.rewards import (
     TERMINATION_TARGET,
     adapted_cost,
     charge_resets,
-    fading_sums,
+    decayed_sums,
     scale_rewards,
 )
 from swingup.areapo.state import Rollout, reward_unit
@@ -59,7 +59,7 @@ def test_the_unit_is_the_deviation_of_fading_sums():
     state = init(jax.random.key(0), Walk(), config)
     nothing, ends = np.zeros((4, 1), np.float32), np.array([[False], [True], [False], [False]])
     rollout = Rollout(*[nothing] * 3, np.float32([[5.0], [5.0], [3.0], [3.0]]), nothing, ends, ends)
-    np.testing.assert_allclose(jax.jit(fading_sums)(rollout, config).ravel(), [1.0, 1.5, -1.0, -1.5])
+    np.testing.assert_allclose(jax.jit(decayed_sums)(rollout, config).ravel(), [1.0, 1.5, -1.0, -1.5])
     assert float(reward_unit(scale(state, rollout, config)[0])) == pytest.approx((6.5 / 4) ** 0.5)
 
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import re
 import sys
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from swingup.areapo.config import HYPERPARAMETERS
 from swingup.cli import main
 from swingup.cli.commands import COMMANDS
+from swingup.cli.results import WHAT_TO_TRY
 from swingup.controllers.registry import BUILT_IN
 
 TRIALS = {"preset=a:b": "'a'", "learning_rate=1e-2:1e-4": "'1e-2:1e-4'", "log_std_init=-1:3": "log_std_init = 3.0"}
@@ -158,6 +160,13 @@ def test_each_help_names_what_there_is(command, capsys):
     assert "None" not in told
     words = " ".join(told.replace("│", " ").split()).replace("- ", "-")
     assert [name for name in NAMED.get(command, ()) if name not in words] == []
+
+
+@pytest.mark.parametrize("advice", WHAT_TO_TRY.values())
+def test_advice_names_options_that_there_are(advice, capsys):
+    for command, options in re.findall(r"swingup (\w+)((?: --?[\w-]+)*)", advice):
+        assert main([command, "--help"]) == 0
+        assert {*options.split()} - {"adapt"} <= {*capsys.readouterr().out.split()}
 
 
 FULL = "swingup: error: cannot write standard output: "

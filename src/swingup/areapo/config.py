@@ -18,7 +18,8 @@ from ..common.checks import finite_number, one_of, suggestion, swingup_name, who
 from ..common.errors import SwingupError, quoted
 from ..policy.network import Activation
 
-TINY, HUGE = 1e-12, 1e12
+MIN_POSITIVE, MAX_NUMBER = 1e-12, 1e12
+"""Bounds of numbers that must be positive, or need no other bound."""
 LARGEST_COUNT = 2**31 - 1
 """Frames and units are indexed in 32 bits."""
 
@@ -32,18 +33,27 @@ KINDS: dict[Any, Any] = {bool: bool | np.bool_, int: Integral, float: Real | np.
 """What a value of a kind may be; an array is traced, or a batch for ``vmap``."""
 
 
-def _number(default: float | Pair, least: float, most: float) -> Any:
-    """A real number, or a pair of them, and its range: leaves of the pytree, unchecked where they are traced."""
-    return eqx.field(default=default, metadata={"range": (least, most)})
+def _to_python(value: Any) -> Any:
+    # Python's own types: a tuple for a list from JSON, a plain number for NumPy's or JAX's. Traced values stay as
+    # they are, and so do arrays with axes, which are batches for vmap.
+    if isinstance(value, list | tuple):
+        return tuple(map(_to_python, value))
+    scalar = isinstance(value, np.generic | np.ndarray | jax.Array) and value.ndim == 0
+    return value.item() if scalar and not isinstance(value, jax.core.Tracer) else value
 
 
-def _static(default: Any, least: float = 0, most: float = LARGEST_COUNT) -> Any:
-    """A number, a truth value or widths of layers that is compiled in; the range is a number's."""
-    return eqx.field(static=True, default=default, metadata={"range": (least, most)})
+def _number(default: float | Pair, minimum: float, maximum: float) -> Any:
+    # A real number, or a pair of them: leaves of the pytree, whose range is not checked where they are traced.
+    return eqx.field(default=default, converter=_to_python, metadata={"range": (minimum, maximum)})
+
+
+def _static(default: Any, minimum: float = 0, maximum: float = LARGEST_COUNT) -> Any:
+    # A number in a range, a truth value or widths of layers, which is compiled in.
+    return eqx.field(static=True, default=default, converter=_to_python, metadata={"range": (minimum, maximum)})
 
 
 def _word(default: str, words: Any) -> Any:
-    """One of the words of a ``Literal``, which is compiled in."""
+    # One of the words of a ``Literal``, which is compiled in.
     return eqx.field(static=True, default=default, metadata={"words": get_args(words)})
 
 
@@ -65,50 +75,51 @@ class Config(eqx.Module):
     activation: Activation = _word("relu", Activation)
     """Activation of all hidden layers: relu, tanh, elu, silu or gelu. C, ONNX and pages run relu alone."""
     deviation: Deviation = _word("state", Deviation)
-    """What the standard deviation of continuous actions is. state: it depends on the state, and tanh bounds
-    actions, as in the paper; action: each action has one that learns, and is clipped, as in Stable-Baselines3 and
-    CleanRL; fitted: the same, and where actions cost much reward, 0.15 of it remains after the first rollout.
-    Discrete actions have none."""
+    """What the standard deviation σ of continuous actions is. state: σ depends on the state, and tanh bounds
+    actions, as in the paper; action: each action has its own σ and is clipped, as in Stable-Baselines3 and CleanRL;
+    fitted: as action; after the first rollout σ is cut to 15 % if large actions cost reward. Discrete actions have
+    no σ."""
     log_std_init: float = _number(-1.0, -20.0, 2.0)
     """Logarithm of the policy's initial standard deviation (before the bounds)."""
-    temperature: float = _number(2.0, 0.0, HUGE)
+    temperature: float = _number(2.0, 0.0, MAX_NUMBER)
     """Temperature τ of the entropy reward -τ log π."""
     discount: Pair = _number((1.0, 1.0), 0.0, 1.0)
     """Discounts γ of the reward and of the entropy objective."""
     gae_lambda: Pair = _number((0.8, 0.6), 0.0, 1.0)
     """λ of the reward advantages and λ_e of the entropy advantages."""
     gain: Gain = _word("advantage", Gain)
-    """What the gains are. td: the mean of r + v(s') - v(s) over a rollout; advantage: they follow the mean
-    λ-advantage (the authors' code) and overshoot where λ is near 1; none: no gains, discounts below 1 instead."""
-    gain_step_size: float = _number(0.01, TINY, 1.0)
-    """Step size η of gains that follow advantages; td has none."""
+    """How the gains are estimated. td: as the mean of r + v(s') - v(s) over a rollout; advantage: by steps along
+    the mean λ-advantage (authors' code), which overshoot where λ is near 1; none: no gains, discounts below 1."""
+    gain_step_size: float = _number(0.01, MIN_POSITIVE, 1.0)
+    """Step size η of gain = advantage."""
     centre_values: bool = _static(False)
     """Fix the values' free constant: after each rollout, subtract their mean from the heads' biases."""
-    clip_range: float = _number(0.05, TINY, 1.0)
+    clip_range: float = _number(0.05, MIN_POSITIVE, 1.0)
     """ε of the clipped surrogate."""
-    learning_rate: float = _number(5e-4, 0.0, HUGE)
+    learning_rate: float = _number(5e-4, 0.0, MAX_NUMBER)
     """Adam's step size."""
-    max_grad_norm: float = _number(10.0, TINY, HUGE)
+    max_grad_norm: float = _number(10.0, MIN_POSITIVE, MAX_NUMBER)
     """Joint norm to which the gradients are clipped."""
-    target_kl: float = _static(0.0, 0.0, HUGE)
-    """Mean KL divergence of a rollout's minibatches from the policy that collected it, to which the learning rate
-    adapts after each rollout; 0: it stays."""
-    value_coefficient: Pair = _number((0.25, 0.125), 0.0, HUGE)
+    target_kl: float = _static(0.0, 0.0, MAX_NUMBER)
+    """Target KL divergence per rollout: after each rollout the learning rate is scaled by up to 1.5 towards it (0:
+    off)."""
+    value_coefficient: Pair = _number((0.25, 0.125), 0.0, MAX_NUMBER)
     """Weights of both values' losses; Table I has c2 = 0.5 for the second over the first."""
     terminations: Terminations = _word("reset_cost", Terminations)
     """What a termination means. reset_cost: a new start, at a fixed cost; adaptive_cost: at a cost that holds
     terminations at one in 1,000 steps; bootstrap: as a time limit; end: nothing follows, without gains alone."""
-    reset_cost: float = _number(10.0, 0.0, HUGE)
-    """The cost of a reset, in units of the reward; with adaptive_cost its first value, in their deviations."""
+    reset_cost: float = _number(10.0, 0.0, MAX_NUMBER)
+    """Cost of a reset, in units of the reward; with adaptive_cost the initial cost, in standard deviations of the
+    reward."""
     normalise_rewards: bool = _static(False)
-    """Divide rewards by the deviation of their sums, in which each fades by γλ a step, costs of resets included;
-    without gains, subtract their running mean. The temperature is then in this unit; metrics stay in the task's."""
+    """Divide rewards, with the costs of resets, by the standard deviation of Σ (γλ)^k (r - mean r); without gains,
+    subtract their running mean. The temperature is then in this unit; metrics stay in the task's."""
     schedule: Schedule = _word("constant", Schedule)
-    """What changes over schedule_frames, again and again. anneal: learning rate and clip range fall to 0.1 and 0.15
-    of themselves in the second half; anneal_entropy: before that, the temperature is lower for a while.
-    anneal_lambda: once, λ falls to 0.9 after the first third."""
+    """Schedule over schedule_frames, repeated. anneal: in the second half, learning rate and clip range fall to
+    10 % and 15 %; anneal_entropy: also, the temperature is lower for a while before. anneal_lambda: not repeated,
+    λ falls to 0.9 after the first third."""
     schedule_frames: int = _static(12_000_000, 1)
-    """Frames of a seed in a cycle of the schedule."""
+    """Frames of each seed in a cycle of the schedule."""
 
     def __check_init__(self) -> None:
         """Refuse what cannot work, before anything is traced."""
@@ -151,7 +162,7 @@ def config_from_dict(values: dict[str, Any], others: Iterable[str] = ()) -> Conf
     """
     for name in values:
         check_hyperparameter(name, others)
-    return Config(**{name: _to_python(value) for name, value in values.items()})
+    return Config(**values)
 
 
 def check_hyperparameter(name: Any, others: Iterable[str] = ()) -> str:
@@ -198,18 +209,9 @@ def parse_value(name: str, text: str) -> Any:
     return value
 
 
-def format_value(value: Any) -> str:
-    """A value as ``parse_value`` reads it."""
-    # Joined by x: a sweep separates its alternatives by commas.
-    return "x".join(map(str, value)) if isinstance(value, tuple) else str(value)
-
-
-def _to_python(value: Any) -> Any:
-    """A value in Python's own types: a tuple for a list, a plain number for one of NumPy or JAX."""
-    if isinstance(value, list | tuple):
-        return tuple(_to_python(each) for each in value)
-    # An array with axes is a batch for vmap and stays as it is.
-    return value.item() if isinstance(value, np.generic | np.ndarray | jax.Array) and value.ndim == 0 else value
+def format_value(value: Any, separator: str = "x") -> str:
+    """A value as ``parse_value`` reads it; several numbers are joined by x, since commas separate alternatives."""
+    return separator.join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 
 def _check_field(field: Any, value: Any) -> None:

@@ -16,11 +16,11 @@ from .optimisation import make_optimiser
 from .state import LearnerState, Rollout
 from .statistics import mean, running_statistics
 
-COSTLY = 0.05
-"""Noise costs much where squared actions explain this share of the variance of the rewards. With the deviation
-`mujoco` begins with, the share is 0.12 to 1 on the ants, Reacher and Pusher, at most 0.006 on six other tasks."""
-LEAST_SHARE = 0.15
-"""What remains of the first deviation there."""
+COSTLY_SHARE = 0.05
+"""Noise is too expensive if squared actions explain this share of the rewards' variance. With the initial deviation
+of `mujoco` the share is 0.12 to 1 on the ants, Reacher and Pusher, at most 0.006 on six other tasks."""
+REDUCED_SHARE = 0.15
+"""Share of the initial deviation that remains where noise is too expensive."""
 
 
 def init_learner(key: Key, spaces: Spaces, config: Config) -> LearnerState:
@@ -54,10 +54,10 @@ def init_learner(key: Key, spaces: Spaces, config: Config) -> LearnerState:
 
 
 def fit_deviation(state: LearnerState, rollout: Rollout, config: Config) -> LearnerState:
-    """After the first rollout, lower σ where Σ a² and the rewards of its steps fall and rise against each other.
+    """After the first rollout, lower σ if the rewards fall as Σ a² rises.
 
-    Where torques cost nothing, as on Swimmer, much noise finds more. Where they cost much, σ would fall by itself,
-    but slowly: a reacher needs 100,000 steps, and until then the noise hides what else an action does.
+    Where torques cost nothing, as on Swimmer, large noise explores better. Where they cost much, training lowers σ,
+    but slowly: a reacher needs 100,000 steps, and until then the noise hides all other effects of an action.
     """
     actor = state.actor
     if config.deviation != "fitted" or not isinstance(actor, Actor) or actor.std_head is None:
@@ -65,9 +65,9 @@ def fit_deviation(state: LearnerState, rollout: Rollout, config: Config) -> Lear
     efforts = jnp.sum(BOUNDS[actor.bounds](rollout.latents) ** 2, axis=-1)
     efforts, rewards = (values - mean(values, rollout.counted) for values in (efforts, rollout.rewards))
     variances = mean(efforts**2, rollout.counted) * mean(rewards**2, rollout.counted)
-    costly = mean(efforts * rewards, rollout.counted) < -jnp.sqrt(COSTLY * variances)
+    costly = mean(efforts * rewards, rollout.counted) < -jnp.sqrt(COSTLY_SHARE * variances)
     bias = actor.std_head.bias
-    lower = jnp.minimum(bias, config.log_std_init + math.log(LEAST_SHARE))
+    lower = jnp.minimum(bias, config.log_std_init + math.log(REDUCED_SHARE))
     head = Linear(actor.std_head.weight, jnp.where((state.iterations == 0) & costly, lower, bias))
     return dataclasses.replace(state, actor=dataclasses.replace(actor, std_head=head))
 

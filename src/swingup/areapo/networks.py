@@ -102,7 +102,7 @@ class Linear(eqx.Module):
 
     def __call__(self, x: Float[Array, "in *batch"]) -> Float[Array, "out *batch"]:
         """Apply the layer."""
-        return product(jnp.asarray(self.weight), x) + beside(self.bias, x)
+        return product(jnp.asarray(self.weight), x) + batched(self.bias, x)
 
 
 class AbstractNetwork(eqx.Module):
@@ -137,7 +137,7 @@ class Actor(AbstractNetwork):
             log_std = jnp.log(jax.nn.softplus(_clamped(self.std_head(features), *STD_OUTPUT_RANGE)))
         else:
             biases = _clamped(self.std_head.bias, *LOG_STD_RANGE)
-            log_std = jnp.broadcast_to(beside(biases, mean), mean.shape)
+            log_std = jnp.broadcast_to(batched(biases, mean), mean.shape)
         return BoundedGaussian(mean, log_std, self.bounds)
 
     def noise(self, key: Key, batch: tuple[int, ...]) -> Float[Array, "m *batch"]:
@@ -226,6 +226,6 @@ def product(weight: Float[Array, "out in"], x: Float[Array, "in *batch"]) -> Flo
     return sum((weight[:, part] @ rounded[part]).astype(x.dtype) for part in parts)  # type: ignore[return-value]
 
 
-def beside(vector: Float[Array, "n"], x: Float[Array, "n *batch"]) -> Float[Array, "n *ones"]:
+def batched(vector: Float[Array, "n"], x: Float[Array, "n *batch"]) -> Float[Array, "n *ones"]:
     """A vector with an axis of length 1 for each axis of the batch."""
     return vector.reshape(-1, *(1,) * (x.ndim - 1))

@@ -13,12 +13,12 @@ from .config import Config
 
 ADAM_EPSILON = 1e-5
 """Adam's ε (authors' code)."""
-TRUSTING_LAMBDA = 0.9
-"""λ where the critic is trusted."""
-WORD = 32
-"""Bits of a number that is sorted for a random order."""
-LEAST_RANDOM = 12
-"""Random bits of such a number that shuffle well enough."""
+FINAL_LAMBDA = 0.9
+"""λ at the end of the schedule ``anneal_lambda``, when the critic is trained."""
+WORD_BITS = 32
+"""Bits of each number that is sorted for a random order."""
+MIN_RANDOM_BITS = 12
+"""Random bits of each such number that shuffle well enough."""
 
 
 def make_optimiser(config: Config, scale: Scalar | float = 1.0) -> optax.GradientTransformation:
@@ -31,7 +31,7 @@ def make_optimiser(config: Config, scale: Scalar | float = 1.0) -> optax.Gradien
 
 
 def scheduled(config: Config, iterations: Count) -> Config:
-    """The hyperparameters of the iteration after so many, as ``config.schedule`` says.
+    """The hyperparameters of the next iteration after a number of iterations, as ``config.schedule`` says.
 
     ``anneal``: in the second half of each cycle the learning rate falls to 0.1 of itself and the clip range to
     0.15, by the same factor in equal times: late policies fall less often. ``anneal_entropy``: before, with 0.55 of
@@ -45,8 +45,8 @@ def scheduled(config: Config, iterations: Count) -> Config:
     cycle = -(-config.schedule_frames // config.rollout_size)
     if config.schedule == "anneal_lambda":
         fallen = jnp.clip((3.0 * iterations / cycle - 1.0) / 2.0, 0.0, 1.0)
-        most = 1.0 - (1.0 - config.gae_lambda[0]) ** (1.0 - fallen) * (1.0 - TRUSTING_LAMBDA) ** fallen
-        lambdas: Any = tuple(jnp.minimum(each, most) for each in config.gae_lambda)
+        maximum = 1.0 - (1.0 - config.gae_lambda[0]) ** (1.0 - fallen) * (1.0 - FINAL_LAMBDA) ** fallen
+        lambdas: Any = tuple(jnp.minimum(each, maximum) for each in config.gae_lambda)
         return replace(config, gae_lambda=lambdas)
     done, half = iterations % cycle, max(1, cycle // 2)
     rate = optax.exponential_decay(1.0, half, 0.1, transition_begin=cycle - half)(done)
@@ -60,9 +60,9 @@ def scheduled(config: Config, iterations: Count) -> Config:
 
 
 def adapted_step(scale: Scalar, divergence: Scalar, target: float) -> Scalar:
-    """The learning rate's factor after a rollout: at most 1.5 times as large or small, and within 0.1 and 10.
+    """The learning rate's factor after a rollout: changed by a factor of at most 1.5, within 0.1 and 10.
 
-    Without bounds it would grow for ever where a policy is done and moves no more.
+    Without bounds it would grow for ever once a policy has converged and does not move.
     """
     # The divergence grows as the square of the step.
     change = jnp.clip(jnp.sqrt(target / jnp.maximum(divergence, 1e-12)), 1 / 1.5, 1.5)
@@ -78,7 +78,7 @@ def shuffled(key: Key, epochs: int, size: int) -> Int[Array, "epochs size"]:
     """
     bits = jax.random.bits(key, (epochs, size))
     last = (size - 1).bit_length()
-    if WORD - last < LEAST_RANDOM:
+    if WORD_BITS - last < MIN_RANDOM_BITS:
         return jnp.argsort(bits, axis=-1)
     mask = jnp.uint32(2**last - 1)
     tagged = (bits & ~mask) | jnp.arange(size, dtype=jnp.uint32)

@@ -26,9 +26,9 @@ from .state import LearnerState, Rollout, reward_unit, termination_rate
 from .statistics import deviation, mean
 
 TERMINATION_TARGET = 1e-3
-"""f*: terminations a step that the adaptive cost permits (RVI-SAC, arXiv 2408.01972)."""
+"""f*: target of the adaptive cost, in terminations a step (RVI-SAC, arXiv 2408.01972)."""
 COST_STEP = 1.5
-"""η_c: what each termination beyond those adds to the adaptive cost (deviations of the rewards)."""
+"""η_c: increase of the adaptive cost for each termination above the target (standard deviations of the reward)."""
 BOOTSTRAP_SIZE = 64
 """States whose values are computed at once; a rollout of Table I has about 13 truncated steps."""
 
@@ -115,7 +115,7 @@ def scale_rewards(state: LearnerState, rollout: Rollout, config: Config) -> tupl
         return state, rollout
     old, former = state.reward_statistics, reward_unit(state)
     new = old.update_all(rollout.rewards, rollout.counted)
-    sums = state.sum_statistics.update_all(fading_sums(rollout, config), rollout.counted)
+    sums = state.sum_statistics.update_all(decayed_sums(rollout, config), rollout.counted)
     state = replace(state, reward_statistics=new, sum_statistics=sums)
     # Before the first reward there is no unit: an untrained critic's values are in units of σ, whatever that is.
     unit, known = reward_unit(state), old.count > 0
@@ -132,7 +132,7 @@ def scale_rewards(state: LearnerState, rollout: Rollout, config: Config) -> tupl
     return state, replace(rollout, rewards=rewards / unit)
 
 
-def fading_sums(rollout: Rollout, config: Config) -> Float[Array, "steps envs"]:
+def decayed_sums(rollout: Rollout, config: Config) -> Float[Array, "steps envs"]:
     """Σ (γλ)^k (r_{t-k} - m) over the steps of a rollout until each step, from 0 after a reset.
 
     m is the rollout's mean. Beside the mean of all rewards so far, what the policy gained by learning would add up:

@@ -51,7 +51,7 @@ class LearnerState(eqx.Module):
     key: Key
     iterations: Count
     reset_cost: Scalar
-    """What a termination costs, where it costs something (units of the reward; of their deviation if it adapts)."""
+    """Cost of a termination, if it has one (units of the reward, or its standard deviations if the cost adapts)."""
     task_rewards: RunningStatistics
     """Statistics of the task's rewards, if the cost of a reset is in units of their deviation."""
     reward_statistics: RunningStatistics
@@ -59,7 +59,7 @@ class LearnerState(eqx.Module):
     step_scale: Scalar
     """Factor of the learning rate, if it adapts."""
     sum_statistics: RunningStatistics
-    """Statistics of the fading sums of these rewards, whose deviation is their unit."""
+    """Statistics of the decayed sums of these rewards, whose standard deviation is their unit."""
 
 
 class Rollout(eqx.Module):
@@ -148,7 +148,7 @@ class Metrics(eqx.Module):
     truncation_rate: Scalar
     """Truncations a step, without those of a step that also terminates: the task would continue."""
     reset_cost: Scalar
-    """What a termination cost, where it costs something (units of the reward)."""
+    """Cost of a termination, if it has one (units of the reward)."""
     losses: LossMetrics
 
     def as_dict(self) -> dict[str, float]:

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from ..common.types import Scalar
 from ..tasks.task import NormaliseStage
 
-LEAST_DEVIATION = 1e-5
+MIN_RELATIVE_DEVIATION = 1e-5
 """Rewards that vary by less than this share of their mean count as constant: single precision leaves constant ones
 such a variance."""
 Weights = Float[Array, "*frames"] | None
@@ -100,7 +100,7 @@ def running_statistics(*shape: int) -> RunningStatistics:
 
 def deviation(statistics: RunningStatistics) -> Scalar:
     """The rewards' deviation: their size where they are constant, and 1 while all are 0."""
-    varies = statistics.variance > (LEAST_DEVIATION * statistics.mean) ** 2
+    varies = statistics.variance > (MIN_RELATIVE_DEVIATION * statistics.mean) ** 2
     # The inner choice keeps the root's argument away from 0.
     constant = jnp.where(statistics.mean == 0.0, 1.0, jnp.abs(statistics.mean))
     return jnp.where(varies, jnp.sqrt(jnp.where(varies, statistics.variance, 1.0)), constant)

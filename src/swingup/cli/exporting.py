@@ -41,12 +41,17 @@ from .results import aligned, result_lines
 
 TRAJECTORY = "trajectory"
 FORMS = (*FOLDERS, "onnx", "c", TRAJECTORY)
-FOLLOWED = {"tvlqr": "published", "ilqr-riccati": "published", "ilqr-mpc": "published", "tvlqr-score": "score"}
+TRACKED_PROBLEMS = {
+    "tvlqr": "published",
+    "ilqr-riccati": "published",
+    "ilqr-mpc": "published",
+    "tvlqr-score": "score",
+}
 """The problem whose swing-up a baseline follows."""
 
 POLICIES = (
     f"{', '.join(SHIPPED_POLICIES)}, a policy file (.safetensors), or for trajectory a baseline: "
-    f"{', '.join(FOLLOWED)}."
+    f"{', '.join(TRACKED_PROBLEMS)}."
 )
 
 
@@ -116,7 +121,7 @@ def export_command(
 
 def _export_trajectory(name: str, robot: Robot | None, out: str, plant: PlantOptions, seed: int | None) -> None:
     """Write the swing-up that a baseline follows: the shipped one, or one that iterative LQR computes."""
-    problem = FOLLOWED[one_of("baseline that follows a swing-up", name, FOLLOWED)]
+    problem = TRACKED_PROBLEMS[one_of("baseline that follows a swing-up", name, TRACKED_PROBLEMS)]
     if robot is None:
         raise SwingupError("--to trajectory needs a robot: add --robot acrobot or --robot pendubot")
     on = plant_of(plant)

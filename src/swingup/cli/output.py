@@ -21,10 +21,10 @@ from rich.table import Column, Table
 from ..common.errors import duration, printable
 
 PROGRAM = "swingup"
-WIDEST = 1000
-"""No table needs more columns of text than this."""
+MAX_WIDTH = 1000
+"""Maximum width of a table in a file or a pipe (characters)."""
 SECONDS_BETWEEN_LINES = 10.0
-"""Where there is no terminal for a bar."""
+"""Time between two lines of progress where no terminal shows a bar."""
 
 
 def tell(*lines: str) -> None:
@@ -57,7 +57,7 @@ def tell_table(
     for index, row in enumerate(rows):
         table.add_row(*(escape(printable(cell)) for cell in row), style="bold" if index in bold else "")
     console = Console()
-    needed = Measurement.get(console, console.options.update(max_width=WIDEST), table)
+    needed = Measurement.get(console, console.options.update(max_width=MAX_WIDTH), table)
     # A file or a pipe has no width to keep to: there no heading is cut.
     console.width = max(console.width, needed.minimum if console.is_terminal else needed.maximum)
     console.print(table)

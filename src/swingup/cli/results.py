@@ -77,7 +77,7 @@ WHAT_TO_TRY = {
     "beyond a limit": "swingup refine --recipe adapt --domain FILE; swingup export --velocity-limit sets a guard's",
     "fell": "identify friction and delay from more logs; the passive joint's dry friction fells most",
     "up late": "watch one: --seed SEED --seeds 1 --save run.csv; then as for runs that are never up",
-    "stopped": "read the reason; limits and patience of a guard are options of swingup export",
+    "stopped": "read the reason; swingup export --velocity-limit sets a guard's, --no-guard leaves the guard out",
 }
 """Advice for each of a failure's causes."""
 MOST_SEEDS = 8

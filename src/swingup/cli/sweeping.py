@@ -20,9 +20,9 @@ from .arguments import NO_OPTIONS, PlantOptions, RobotName, plant_of, task_name
 from .output import Progress, tell, tell_json, tell_table
 from .training import RunOptions
 
-TRIALS_SHOWN = 10
-"""Trials in the table: the best ones."""
-ENDED = {"complete": "", "pruned": "pruned", "fail": "failed"}
+MAX_TRIALS_SHOWN = 10
+"""Maximum number of trials in the table: the best ones."""
+STATE_WORDS = {"complete": "", "pruned": "pruned", "fail": "failed"}
 """Optuna's states in words."""
 
 
@@ -142,7 +142,7 @@ def _show_variants(rows: list[dict[str, Any]]) -> None:
 
 def _show_search(rows: list[dict[str, Any]]) -> None:
     complete = sorted((row for row in rows if row["state"] == "complete"), key=lambda row: -row["score"])
-    cells = [[row["settings"], str(row["trial"]), shown_rate(row["score"])] for row in complete[:TRIALS_SHOWN]]
+    cells = [[row["settings"], str(row["trial"]), shown_rate(row["score"])] for row in complete[:MAX_TRIALS_SHOWN]]
     tell_table(["Settings", "Trial", "Score"], cells)
-    counts = Counter(ENDED.get(row["state"], "unfinished") for row in rows)
+    counts = Counter(STATE_WORDS.get(row["state"], "unfinished") for row in rows)
     tell(", ".join([f"{len(complete)} trials complete", *(f"{counts[word]} {word}" for word in counts if word)]))

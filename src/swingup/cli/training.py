@@ -46,11 +46,11 @@ class RunOptions(TypedDict, total=False):
 
 
 def _defaults(name: str) -> str:
-    """The value of a hyperparameter in every preset, as ``2.0; global: 0.4; ppo: 0.0``."""
+    """The value of a hyperparameter in every preset, as ``2.0; global: 0.4; ppo: 0.0`` or ``0.8 0.6``."""
     by_value: dict[str, list[str]] = {}
     for preset, each in PRESETS.items():
-        by_value.setdefault(format_value(getattr(each.config, name)), []).append(preset)
-    usual = format_value(getattr(PRESETS[PENDULUM_PRESET].config, name))
+        by_value.setdefault(format_value(getattr(each.config, name), " "), []).append(preset)
+    usual = format_value(getattr(PRESETS[PENDULUM_PRESET].config, name), " ")
     others = [f"{', '.join(presets)}: {value}" for value, presets in by_value.items() if value != usual]
     return "; ".join([usual, *others])
 

@@ -77,7 +77,6 @@ class RunSettings:
             raise SwingupError(f"a plant goes with a robot, not with {self.name}")
         for name, least in LEAST.items():
             object.__setattr__(self, name, whole_number(name, getattr(self, name), least))
-        object.__setattr__(self, "config", config_from_dict(vars(self.config)))  # NumPy's numbers become Python's
         # Arrays are indexed in 32 bits; a machine's memory ends earlier, which JAX says.
         sizes = {"num_envs x num_steps x seeds": self.config.rollout_size * self.seeds}
         for name in ("policy_layers", "value_layers"):

@@ -179,7 +179,7 @@ SCRIPTS = ("figure.js", "physics.js", "pendulum.js", "player.js", "live.js", "ma
 
 PAGE_FORMATS = (".html", *FIGURE_FORMATS)
 
-MOST_SERIES = 8
+MAX_SERIES = 8
 """Most controllers in the robustness plot: ours first, then the best published ones."""
 
 
@@ -295,7 +295,7 @@ def _series(boards: Sequence[Table]) -> list[Row]:
     rows = [row for board in boards if board.board == "robustness" for row in board.rows]
     measured = [row for row in rows if any(row.values[name] is not None for name in CRITERIA)]
     best = {(row.controller, row.source == OURS): row for row in reversed(measured)}
-    first = sorted(best.values(), key=lambda row: (row.source != OURS, measured.index(row)))[:MOST_SERIES]
+    first = sorted(best.values(), key=lambda row: (row.source != OURS, measured.index(row)))[:MAX_SERIES]
     return [row for row in measured if row in first]
 
 

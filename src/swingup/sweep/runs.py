@@ -36,9 +36,9 @@ from ..learner.run_settings import RunSettings, read_run_settings
 Row = Mapping[str, Any]
 """A row of a run's metrics."""
 MAX_RUNS = 10_000
-"""More runs than this are taken for a typing error."""
+"""A sweep of more runs is taken for a typing error."""
 LOCK_SECONDS = 10.0
-"""How long a run waits for its folder: a worker whose sweep was killed may hold it for a moment longer."""
+"""How long a run waits for its folder (s): a worker of a sweep that was killed may hold it for a moment longer."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def plan_variant(base: RunSettings, chosen: Mapping, seeds: Sequence[int], folde
 
 
 def run_length(frames: int | None, presets: Sequence[str]) -> int:
-    """Frames of each run; None for the longest of the presets': runs of different lengths do not compare."""
+    """Frames of each run; by default those of the preset with the longest runs, so that all runs compare."""
     return max(get_preset(name).frames for name in presets) if frames is None else whole_number("frames", frames, 1)
 
 
