@@ -2,6 +2,7 @@
 
 import ast
 import functools
+import itertools
 import subprocess
 import sys
 from pathlib import Path
@@ -10,11 +11,18 @@ import swingup
 
 ROOT = Path(swingup.__file__).parent
 LAYERS = {
-    "common": 0, "plant": 1, "policy": 2, "dynamics": 2, "drawing": 2, "loop": 3, "export": 3, "runtime": 3,
-    "tasks": 4, "identification": 4, "continuing": 4, "areapo": 5, "gym": 5, "gymnax": 5, "controllers": 6,
-    "benchmark": 7, "learner": 8, "rehearsal": 8, "refine": 9, "report": 9, "sweep": 9, "cli": 10,
-}  # fmt: skip
-"""Every folder and module at the top of the package and its layer: imports go to a lower layer or stay at home."""
+    "plant": [{"common"}, {"plant"}, {"dynamics", "drawing"}],
+    "policy": [{"policy"}, {"export"}, {"runtime"}],
+    "loop": [{"loop"}, {"tasks", "continuing"}, {"gym", "gymnax"}],
+    "control": [{"identification"}, {"areapo"}, {"controllers"}],
+    "judge": [{"benchmark"}, {"rehearsal"}],
+    "learn": [{"learner"}, {"refine"}],
+    "tools": [{"report", "sweep"}, {"cli"}],
+}
+"""Every folder and module at the top of the package, from the lowest layer to the highest."""
+
+ORDER = {name: place for place, beside in enumerate(itertools.chain(*LAYERS.values())) for name in beside}
+"""Imports go to a lower place or stay at home."""
 
 ONE_PLACE = {
     "optax": {"areapo", "refine"}, "gymnasium": {"gym", "continuing", "learner"}, "PIL": {"drawing", "report"},
@@ -55,13 +63,20 @@ def is_allowed(path, name):
         return home in ONE_PLACE.get(first, {home})
     if home == "controllers" and rest[0] == "areapo":  # controllers know the learner's networks in one place
         return "stack" in path.parts
-    return rest[0] == home or LAYERS[rest[0]] < LAYERS[home]
+    return rest[0] == home or ORDER[rest[0]] < ORDER[home]
 
 
 def test_imports_go_down():
-    assert {home_of(path) for path in FILES} == set(LAYERS)
+    assert {home_of(path) for path in FILES} == set(ORDER)
     wrong = [(str(path), name) for path in FILES for name in imports(path) if not is_allowed(path, name)]
     assert wrong == []
+
+
+def test_the_page_draws_the_layers():
+    page = (Path(__file__).parents[1] / "docs/architecture.md").read_text(encoding="utf-8")
+    drawn = [line.split("  ") for line in page.split("```")[1].strip("\n").splitlines()]
+    drawn = {layer: {name.strip() for name in names if name.strip() in ORDER} for layer, *names in drawn}
+    assert list(drawn.items())[::-1] == [(layer, set().union(*parts)) for layer, parts in LAYERS.items()]
 
 
 def test_no_two_folders_import_from_one_another():
