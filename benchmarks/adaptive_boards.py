@@ -7,7 +7,7 @@ from typing import Any
 
 from swingup.benchmark.judge import judge
 from swingup.benchmark.values import Interval
-from swingup.loop.domain import SESSIONS
+from swingup.loop.resolve import SESSIONS
 
 Measured = tuple[float, Interval | None]
 """A mean, and its 95 % interval if the board has runs that differ."""

@@ -28,8 +28,9 @@ from swingup.controllers.stack.estimator import EstimatingController
 from swingup.controllers.stack.policy import make_controller
 from swingup.controllers.stack.regulator import TRIANGLE
 from swingup.dynamics.dynamics import UPRIGHT
-from swingup.loop.domain import Domain, load_domain
+from swingup.loop.domain import Domain
 from swingup.loop.draw import draw
+from swingup.loop.resolve import resolve
 from swingup.plant.plant import ROBOTS, Robot
 from swingup.plant.units import similar_plant
 from swingup.policy.pendulum import PendulumPolicy
@@ -93,7 +94,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=10_000)
     parser.add_argument("--seeds", type=int, default=200)
     options = parser.parse_args()
-    robot, domain = ROBOTS[options.robot], load_domain(options.domain)
+    robot, domain = ROBOTS[options.robot], resolve(domain=options.domain)
     policy = load_policy(options.controller, robot)
     with jax.enable_x64(True):
         seeds = range(options.seed, options.seed + options.seeds)

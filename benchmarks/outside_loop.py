@@ -23,7 +23,7 @@ import numpy as np
 from scipy.linalg import expm, solve_discrete_are
 
 from swingup.export.c_header import c_header
-from swingup.loop.domain import SESSIONS, load_domain
+from swingup.loop.resolve import SESSIONS, resolve
 from swingup.plant.plant import get_robot
 from swingup.policy.guard import choose_guard
 from swingup.policy.shipped import load_policy
@@ -104,7 +104,7 @@ def robots(joint: int, seed: int, each: int = 5) -> list[Numbers]:
     random = np.random.default_rng(seed)
     found = []
     for session in SESSIONS:
-        plant, loop = load_domain(f"session-{session}").nominal
+        plant, loop = resolve(domain=f"session-{session}").nominal
         numbers = dict.fromkeys(NAMES, 0.0) | plant.values()
         for _ in range(each):
             drawn = {

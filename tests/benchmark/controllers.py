@@ -9,14 +9,14 @@ import numpy as np
 
 from swingup.benchmark.boards import ROBUSTNESS
 from swingup.controllers.interface import AbstractController
-from swingup.loop.domain import make_domain
+from swingup.loop.resolve import resolve
 
 V2 = ROBUSTNESS
 BRIEF = dataclasses.replace(
     V2, name="brief", duration=0.8, perturbations=dataclasses.replace(V2.perturbations, apart=0.1)
 )
 """The whole grid, each run of 0.8 s, with pushes that fit into it."""
-FRICTION = make_domain({"plant": "C.1", "design": "leaderboard", "passive_limit": 0.5})
+FRICTION = resolve(domain={"plant": "C.1", "design": "leaderboard", "passive_limit": 0.5})
 """The identified plant in a perfect loop."""
 
 

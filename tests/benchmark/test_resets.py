@@ -8,7 +8,7 @@ import pytest
 
 from swingup.benchmark.boards import BOARDS
 from swingup.benchmark.uptime_board import draw_cell
-from swingup.loop.domain import load_domain
+from swingup.loop.resolve import resolve
 from swingup.loop.supervisors import (
     Cell,
     CellSettings,
@@ -131,7 +131,7 @@ def test_the_robot_stops_at_wider_limits_and_brakes():
 
 
 RULES = BOARDS["cloudpendulum"]
-CELLS = load_domain(RULES.domain)
+CELLS = resolve(domain=RULES.domain)
 
 
 class Text:

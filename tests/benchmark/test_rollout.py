@@ -16,8 +16,8 @@ from swingup.benchmark.runner import run_one
 from swingup.controllers.interface import PythonController
 from swingup.dynamics.integrate import rk4_steps
 from swingup.loop.disturbance import step_noise, undisturbed
-from swingup.loop.domain import make_domain
 from swingup.loop.draw import draw
+from swingup.loop.resolve import resolve
 from swingup.plant.plant import LEADERBOARD
 
 from .controllers import HANGING
@@ -87,7 +87,7 @@ def test_closed_loop_agrees_with_a_numpy_loop(robot):
 def test_a_late_loop_alike_in_jax_and_on_the_host(robot):
     """Times, states and torques; each state is the one before, one recorded period later."""
     timing = {"late": 0.3, "lateness": 1e-3, "lag": 0.002, "delay": 0.002}
-    domain = make_domain({"plant": "C.1", "quantum1": 1e-3, **timing})
+    domain = resolve(domain={"plant": "C.1", "quantum1": 1e-3, **timing})
     scenario = Scenario(*draw(domain, jax.random.key(5), robot), substeps=domain.substeps)
     *_, found = run(scenario, Feedback(jnp.array(GAIN)), jnp.zeros(4), DT, steps=50, depth=domain.depth)
     plain = PythonController(feedback())

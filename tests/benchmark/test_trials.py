@@ -14,7 +14,7 @@ from swingup.benchmark.recording import recorded
 from swingup.benchmark.rollout import Record, Scenario, Trajectory
 from swingup.benchmark.swing_up_board import realai_score
 from swingup.benchmark.values import interquartile_interval, interquartile_mean, share_interval
-from swingup.loop.domain import make_domain
+from swingup.loop.resolve import resolve
 from swingup.loop.supervisors import Limits
 from swingup.plant.plant import get_robot
 
@@ -153,9 +153,9 @@ def test_a_pendulum_without_motors_fails_and_seeds_differ(either_robot):
     def judged(domain, seed, seeds):
         return judge(HANGING, either_robot, PUSHED, seeds, seed=seed, domain=domain)
 
-    quiet = judged(make_domain(ROBOT | {"velocity_noise": 0.1}), 0, 1)
+    quiet = judged(resolve(domain=ROBOT | {"velocity_noise": 0.1}), 0, 1)
     assert (quiet.successes, quiet.score, quiet.success_interval[0]) == (0, 0.0, 0.0)
-    pushed = make_domain(ROBOT | {"push": 3.0, "torque_limit": 6.0})
+    pushed = resolve(domain=ROBOT | {"push": 3.0, "torque_limit": 6.0})
     both, second = judged(pushed, 0, 2), judged(pushed, 1, 1)
     assert np.abs(second.trajectory.x).max() > 0.01
     speeds = [run.speed for run in both.runs]

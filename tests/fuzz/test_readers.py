@@ -21,7 +21,7 @@ from swingup.export.c_header import c_header
 from swingup.identification.recording import read_recording
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run_settings import read_run_settings
-from swingup.loop.domain import load_domain
+from swingup.loop.resolve import resolve
 from swingup.policy.file import read_network
 from swingup.policy.numpy_backend import numpy_controller
 from swingup.policy.pendulum import read_pendulum_policy
@@ -64,7 +64,7 @@ LOGS = [
 ]
 
 READERS = {
-    "yaml": [load_plant, load_domain],
+    "yaml": [load_plant, resolve],
     "trajectory": [
         *(partial(score_log, board) for board in BOARDS),
         lambda path: score(load_trajectory(path, ["q1=2", "q2=3"]), "acrobot", "icra-real", force=True),

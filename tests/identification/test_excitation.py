@@ -7,7 +7,7 @@ from synthetic import QUANTUM, step
 
 from refusals import refusal
 from swingup import identify, load_plant
-from swingup.cli import main, pendulums
+from swingup.cli import main
 from swingup.common.table import write_columns
 from swingup.controllers.swingups.reference import load_reference_csv
 from swingup.identification import excitation as search
@@ -26,7 +26,7 @@ from swingup.identification.plant_domain import prior_around
 from swingup.identification.prediction import INDEX, integration_of, vector_of
 from swingup.identification.recording import read_recording
 from swingup.identification.results import TITLES
-from swingup.loop.domain import make_domain
+from swingup.loop.resolve import resolve
 
 C1 = load_plant("C.1")
 SETTING = integration_of(C1).coarse
@@ -48,7 +48,7 @@ def alone(torques, limit=6.0):
 
 @pytest.fixture(scope="module")
 def models():
-    return draw_models(prior_around(C1), 3, 0)
+    return draw_models(prior_around(resolve(C1)), 3, 0)
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +103,7 @@ def test_information_grows_with_motion(trial):
 
 
 def test_a_prior_around_a_plant_and_from_a_domain():
-    prior = prior_around(C1)
+    prior = prior_around(resolve(C1))
     drawn, corners = draw_models(prior, 50, 0), corner_models(prior)
     first = INDEX["k"]
     middle = vector_of(C1)[first]
@@ -111,7 +111,7 @@ def test_a_prior_around_a_plant_and_from_a_domain():
     assert corners[:, first].min() <= drawn[:, first].min() < 0.9 * middle
     assert corners[:, first].max() >= drawn[:, first].max() > 1.1 * middle
     assert np.array_equal(draw_models(prior, 50, 0), drawn)
-    gains = draw_models(make_domain({"plant": "C.1", "gain1": [0.8, 1.0]}), 50, 0)[:, INDEX["gain1"]]
+    gains = draw_models(resolve(domain={"plant": "C.1", "gain1": [0.8, 1.0]}), 50, 0)[:, INDEX["gain1"]]
     assert 0.8 <= gains.min() < 0.82
     assert 0.98 < gains.max() <= 1.0
 
@@ -124,12 +124,12 @@ def _quick(monkeypatch):
     monkeypatch.setattr(search, "LANES", 32)
 
 
-SMALL = make_domain({"plant": "C.1", "cf1": [0.1, 0.2], "m1": [0.5, 0.55], "delay": [0.0, 0.004]})
+SMALL = resolve(domain={"plant": "C.1", "cf1": [0.1, 0.2], "m1": [0.5, 0.55], "delay": [0.0, 0.004]})
 """A prior with few corners."""
 
 
 def test_the_command_writes_what_it_checked(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(pendulums, "prior_around", lambda plant: SMALL)
+    monkeypatch.setattr(search, "prior_around", lambda facts: SMALL)
     out = tmp_path / "excitation.csv"
     assert main(["excite", "--joint", "shoulder", "--duration", "3", "--speed", "9", "--out", str(out)]) == 0
     assert "checked on" in capsys.readouterr().out
@@ -150,12 +150,12 @@ def test_the_command_writes_what_it_checked(tmp_path, capsys, monkeypatch):
     assert load_reference_csv(out, "pendubot").gains[0] == pytest.approx([table["K11"][0], 0, table["K13"][0], 0])
 
 
-WILD = make_domain({"plant": "C.1", "b1": -2.0, "b2": -2.0, "cf1": 0.0, "cf2": 0.0})
+WILD = resolve(domain={"plant": "C.1", "b1": -2.0, "b2": -2.0, "cf1": 0.0, "cf2": 0.0})
 """Negative damping: the pendulum swings up by itself. Feedback tames it; torques alone do not."""
 
 
 def test_torques_that_no_excitation_may_have():
-    assert "within 3 rad and 20 rad/s" in refusal(search.excite, WILD, duration=3, alone=True)
+    assert "within 3 rad and 20 rad/s" in refusal(search.excite, domain=WILD, duration=3, alone=True)
 
 
 def test_the_strongest_that_all_plants_bear():
@@ -169,17 +169,34 @@ def test_the_strongest_that_all_plants_bear():
 
 
 def test_the_plants_own_limit_counts():
-    strong = {"plant": "C.1", "tl1": 60.0, "tl2": 60.0}
-    # A loop that allows less says so.
-    domains = make_domain(strong), make_domain({**strong, "torque_limit": 2.0})
+    strong, weak = {"tl1": 60.0, "tl2": 60.0}, {"torque_limit": [2.0, 6.0]}  # the weakest motors count
+    domains = [resolve(domain={"plant": "C.1", **each}) for each in (strong, weak)]
     limits = [search.limits_for(each, joint) for each in domains for joint in ("both", "elbow")]
     assert [each.torque for each in limits] == [(60.0, 60.0), (0.0, 60.0), (2.0, 2.0), (0.0, 2.0)]
     assert search.limits_for(domains[0], "both", 20.0).torque == (20.0, 20.0)
 
 
+@pytest.mark.parametrize("domain", [None, "recorded"])
+def test_torques_are_those_of_the_plants_motors(domain):
+    """In the loop of another robot as well, whose motors have 6 N m; so is the prior around the plant."""
+    found = search.excite("cloudpendulum", domain, duration=3.0)
+    assert 0 < np.abs(found.torque).max() <= max(found.limits.torque) == pytest.approx(0.13)
+
+
+def test_a_prior_keeps_what_the_plants_file_says(tmp_path):
+    (tmp_path / "mine.yml").write_text("plant: cloudpendulum\ndelay: 0.004\ntl2: 0.1\n")
+    prior = prior_around(resolve(tmp_path / "mine.yml", "recorded"))
+    low, high = prior.low, prior.high
+    assert (low.plant.tl1, low.plant.tl2, high.plant.tl2) == (0.13, 0.1, 0.1)
+    assert (low.loop.delay, high.loop.delay) == (0.004, 0.004)
+    assert (low.loop.lag, high.loop.lag) == (0.001, 0.004)
+    assert low.plant.m1 == high.plant.m1
+    assert low.plant.I2 < load_plant("cloudpendulum").I2 < high.plant.I2
+
+
 @pytest.mark.slow
 def test_an_excitation_lets_identify_find_a_plant_of_the_prior(tmp_path):
-    prior = prior_around(C1)
+    prior = prior_around(resolve(C1))
     excitation = search.excite(prior, duration=6.0, seed=1)
     truth = draw_models(prior, 4, 123)[3:]
     limits = np.array(excitation.limits.torque)

@@ -17,7 +17,7 @@ from swingup.identification.fit import Evaluator, Fit, draw_solutions, linearise
 from swingup.identification.prediction import INDEX, integration_of, vector_of
 from swingup.identification.segments import Segments
 from swingup.identification.unknowns import Problem, Unknowns
-from swingup.loop.domain import load_domain
+from swingup.loop.resolve import resolve
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.files import load_plant
 
@@ -86,7 +86,7 @@ def test_files_are_those_that_others_read(found, tmp_path):
     # Links that could be built: inertia above that of a point mass at the centre of mass.
     assert plant.m1 * plant.r1**2 < plant.I1
     assert plant.m2 * plant.r2**2 < plant.I2
-    ranges = load_domain(domain)
+    ranges = resolve(domain=domain)
     assert ranges.nominal_plant.cf1 == pytest.approx(TRUTH.cf1, rel=0.05)
 
 

@@ -1,18 +1,15 @@
 """Domains: what plants and loops are drawn from, what is refused, and a plant in the loop of a domain."""
 
 from importlib import resources
-from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
 
 from refusals import refusal
-from swingup.cli.refining import adapted_domain
-from swingup.loop.domain import PLANT, load_domain, make_domain
 from swingup.loop.draw import draw
 from swingup.loop.loop import VALUES
-from swingup.loop.on_plant import loop_around
+from swingup.loop.resolve import PLANT, resolve
 from swingup.plant.files import load_plant
 from swingup.plant.plant import get_robot
 
@@ -28,7 +25,7 @@ def drawn(domain, number=200, robot=ACROBOT):
 
 
 def test_the_identified_domain_is_the_identified_plant(robot):
-    domain = load_domain("identified")
+    domain = resolve(domain="identified")
     assert all(low == high for _, low, high in domain.ranges)
     with jax.enable_x64(True):
         plant, loop = draw_one(domain, jax.random.key(3), robot)
@@ -46,7 +43,7 @@ def test_every_number_of_the_package_says_where_it_comes_from(name):
 
 
 def test_draws_fill_their_ranges():
-    domain = load_domain("randomised")
+    domain = resolve(domain="randomised")
     plant, loop = drawn(domain)
     ranges = {name: (low, high) for name, low, high in domain.ranges}
     found = {name: getattr(plant, name) for name in PLANT}
@@ -67,13 +64,13 @@ def test_draws_fill_their_ranges():
 
 
 def test_what_is_left_out_is_perfect():
-    plant, loop = drawn(make_domain({"plant": "C.1", "m1": 0.5}), 2)
+    plant, loop = drawn(resolve(domain={"plant": "C.1", "m1": 0.5}), 2)
     assert plant.m1.tolist() == [0.5, 0.5]
     assert loop.delay_steps.tolist() == loop.loop.torque_noise.tolist() == [0, 0]
     assert loop.loop.response.tolist() == [1, 1]
     assert plant.tl1.tolist() == [0, 0]
     assert values(None, None) == values("C.1", None) == {"plant": "C.1"}
-    assert loop_around(None, "identified").name == "identified"
+    assert resolve(None, "identified").name == "identified"
 
 
 BAD_DOMAINS = {
@@ -83,6 +80,7 @@ BAD_DOMAINS = {
     "delay = [0, 1] must lie between 0 and 0.2": "delay: [0.0, 1.0]",
     "m1 = [0.1, 0.2, 0.3] must be a number, or a range [low, high]": "m1: [0.1, 0.2, 0.3]",
     "m1 = 'heavy' must be a number": "m1: heavy",
+    "tl1 and torque_limit say the same": "plant: C.1\ntl1: 3\ntorque_limit: 6",
     "lacks its plant: add 'plant', one of A.0, B.0, ": "delay: 0.01",
     "mass matrix is not positive definite at cos(q2) = 1": "plant: C.1\nI2: 1.0e-6",
     "mass matrix is not positive definite": "plant: C.1\nm2: [0.3, 1.0]\nI2: [0.02, 0.08]",  # both ends alone are
@@ -92,7 +90,7 @@ BAD_DOMAINS = {
 @pytest.mark.parametrize("named", BAD_DOMAINS)
 def test_bad_domains(tmp_path, named):
     (tmp_path / "bad.yml").write_text(BAD_DOMAINS[named])
-    assert named in refusal(load_domain, tmp_path / "bad.yml")
+    assert named in refusal(resolve, tmp_path / "bad.yml")
 
 
 def test_a_draw_depends_on_names_and_not_on_lines():
@@ -100,7 +98,7 @@ def test_a_draw_depends_on_names_and_not_on_lines():
     ranges = {"m1": [0.5, 0.6], "m2": [0.6, 0.7], "lag": [0.0, 0.1]}
     contents = ranges, dict(reversed(ranges.items())), {"b1": [0.0, 0.1], **ranges, "delay": 0.01}
     one, *others = (
-        draw_one(make_domain({"plant": "C.1", **each}), jax.random.key(0), ACROBOT) for each in contents
+        draw_one(resolve(domain={"plant": "C.1", **each}), jax.random.key(0), ACROBOT) for each in contents
     )
     for plant, loop in others:
         assert (plant.m1, plant.m2, loop.loop.lag) == (one[0].m1, one[0].m2, one[1].loop.lag)
@@ -108,23 +106,22 @@ def test_a_draw_depends_on_names_and_not_on_lines():
 
 def test_the_boards_keep_their_draws(x64):
     """What the key of seed 0 drew when the boards' scores were measured."""
-    plant, disturbance = draw(load_domain("recorded"), jax.random.key(0), ACROBOT)
+    plant, disturbance = draw(resolve(domain="recorded"), jax.random.key(0), ACROBOT)
     found = [plant.m1, plant.cf1, disturbance.loop.lag, disturbance.loop.offset2]
     assert [float(number) for number in found] == pytest.approx(FIRST_DRAW, rel=1e-12)
 
 
 def test_nominal_values_are_the_middle():
     content = {"plant": "C.1", "torque_limit": 5.0, "m2": [0.6, 0.7], "lag": [0.001, 0.003]}
-    domain = make_domain(content)
+    domain = resolve(domain=content)
     plant, loop = domain.nominal
     assert (plant.tl1, plant.tl2, plant.m2, loop.lag) == pytest.approx((5.0, 5.0, 0.65, 0.002))
     assert (domain.design, domain.design.name) == (plant, "C.1")
-    assert make_domain(content | {"design": "B.0"}).design == load_plant("B.0")
+    assert resolve(domain=content | {"design": "B.0"}).design == load_plant("B.0")
 
 
-def test_a_guess_is_drawn_around_and_its_file_is_the_same_domain(tmp_path):
-    around, file = adapted_domain({"plant": "C.0"}, None, str(tmp_path / "mine.safetensors"))
-    assert Path(file) == tmp_path / "mine-adapt.yml"
+def test_a_guess_is_drawn_around():
+    around = resolve("C.0", "recorded", 0.1)
     plant, (low, high) = load_plant("C.0"), (around.low, around.high)
     for name, share in (("m1", 0.1), ("I2", 0.1), ("cf2", 0.5), ("Ir", 0.5), ("l1", 0.0), ("r2", 0.0)):
         value = getattr(plant, name)
@@ -134,16 +131,16 @@ def test_a_guess_is_drawn_around_and_its_file_is_the_same_domain(tmp_path):
     # The loop is the recorded one, in the pendulum's own units.
     assert (low.loop.lag, high.loop.lag) == (0.001, 0.004)
     assert low.loop.passive_limit == pytest.approx(0.5)
-    assert adapted_domain({}, None, "x")[0] == load_domain("recorded")
+    assert resolve(domain="recorded", share=0.1) == resolve(domain="recorded")
 
 
 def values(plant, domain):
-    return loop_around(plant, domain).as_dict()
+    return resolve(plant, domain).as_dict()
 
 
 def test_a_small_plant_in_the_loop_of_a_large_one():
     """CloudPendulum's motors have 0.13 of 6 N m; its unit of time is 0.4258 of C.1's."""
-    both = loop_around("cloudpendulum", "identified")
+    both = resolve("cloudpendulum", "identified")
     assert both.name == "cloudpendulum in the loop of identified"
     made, torque, time = both.as_dict(), 0.13 / 6, 0.42582
     assert made["plant"] == "cloudpendulum"
@@ -159,7 +156,7 @@ def test_a_small_plant_in_the_loop_of_a_large_one():
 
 def test_units_are_relative_to_the_domains_own_plant():
     """The loop of a CloudPendulum's cell is at home around its plant."""
-    cells = load_domain("cells").as_dict()
+    cells = resolve(domain="cells").as_dict()
     made = values("cloudpendulum-rods", "cells")
     assert made["velocity_noise"] == pytest.approx(cells["velocity_noise"], rel=1e-12)
     assert made["velocities"] == "driver"
@@ -167,10 +164,45 @@ def test_units_are_relative_to_the_domains_own_plant():
     assert values("C.1", "cells")["velocity_noise"][0] < 0.5 * cells["velocity_noise"][0]
 
 
-def test_the_plants_file_has_the_last_word_on_its_loop(tmp_path):
+@pytest.mark.parametrize("share", [None, 0.1])
+def test_the_plants_file_has_the_last_word_on_its_loop(tmp_path, share):
+    """A guess as well: only masses, inertias and frictions are off."""
     file = tmp_path / "mine.yml"
-    file.write_text("plant: C.1\ncf1: 0.1\ntl2: 6\ndelay: 0.004\n")
-    made = values(str(file), "identified")
-    assert (made["cf1"], made["delay"], made["passive_limit"]) == ([0.1, 0.1], [0.004, 0.004], [0.5, 0.5])
+    file.write_text("plant: C.1\ncf1: 0.1\ntl2: 6\ndelay: 0.02\nquantum1: 0.001\n")
+    made = resolve(file, "identified", share).as_dict()
+    part = 0.0 if share is None else 5 * share
+    assert made["cf1"] == pytest.approx([0.1 * (1 - part), 0.1 * (1 + part)])
+    assert (made["delay"], made["quantum1"], made["passive_limit"]) == ([0.02] * 2, [0.001] * 2, [0.5, 0.5])
     file.write_text("plant: C.1\ntorque_limit: 3\n")
-    assert values(str(file), "identified")["torque_limit"] == [3.0, 3.0]
+    for found in (resolve(file), resolve(file, "identified", share)):
+        assert {(end.plant.tl1, end.plant.tl2) for end in (found.low, found.high)} == {(3.0, 3.0)}
+
+
+def test_a_guess_with_ranges_keeps_them():
+    wide = {"plant": "C.1", "m1": [0.5, 0.55]}
+    found = resolve(resolve(domain=wide), "recorded", 0.1)
+    assert (found.low.plant.m1, found.high.plant.m1, found.high.plant.I1) == (0.5, 0.55, load_plant("C.1").I1)
+
+
+def test_the_content_of_a_domain_makes_it_again():
+    around = resolve("cloudpendulum", "recorded", 0.1)
+    again = resolve(domain=around.content)
+    assert (again.low, again.high, again.effects) == (around.low, around.high, around.effects)
+
+
+def test_a_loop_adds_no_motor():
+    """A plant with one motor keeps it, and in no loop without a motor is a torque relative to it."""
+    weak, strong = ({"plant": "C.1", "tl1": 6.0, "tl2": limit} for limit in (0.0, 6.0))
+    limits = [resolve(resolve(domain=each), "recorded").high.loop.passive_limit for each in (weak, strong)]
+    assert limits == [0.0, 0.5]
+    own = resolve(resolve(domain={**weak, "passive_limit": 0.2}), "recorded")
+    assert own.high.loop.passive_limit == 0.2
+    none = resolve(domain={**weak, "tl1": 0.0})
+    for given in ((none, "recorded"), ("C.1", none)):
+        assert "has no motor" in refusal(resolve, *given)
+
+
+def test_a_plant_of_facts():
+    assert resolve("C.1").facts == load_plant("C.1")
+    assert str(resolve("C.1").frictionless().facts) == str(load_plant("C.1").frictionless())
+    assert "m1 = [0.5, 0.6] is a range" in refusal(lambda: resolve(domain={"plant": "C.1", "m1": [0.5, 0.6]}).facts)

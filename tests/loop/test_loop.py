@@ -21,9 +21,9 @@ from swingup.loop.disturbance import (
     step_period,
     undisturbed,
 )
-from swingup.loop.domain import PLANT, SESSIONS, load_domain, make_domain
 from swingup.loop.draw import draw
 from swingup.loop.loop import LONGEST_PERIOD, Loop
+from swingup.loop.resolve import PLANT, SESSIONS, resolve
 from swingup.plant.plant import get_robot
 
 DT = 0.002
@@ -184,7 +184,7 @@ def test_a_run_with_every_effect():
         "spring1": 0.1, "backlash2": 0.01, "sag": 1.0, "period": 0.004, "dropouts": 50.0, "dropout": 0.01,
         "spoilt": 1e-9, "quantum1": 1e-3,
     }  # fmt: skip
-    domain = make_domain({"plant": "C.1", **values})
+    domain = resolve(domain={"plant": "C.1", **values})
     _, disturbance = draw_one(domain, jax.random.key(0), get_robot("pendubot"))
     scenario = Scenario(domain.plant.driven(get_robot("pendubot")), disturbance, substeps=domain.substeps)
 
@@ -206,10 +206,10 @@ def test_a_run_with_every_effect():
 def test_domains_have_the_effects_that_they_need():
     robot, motors = get_robot("acrobot"), Effects(motors=True)
     for name in ("identified", "randomised"):
-        assert load_domain(name).effects == motors
+        assert resolve(domain=name).effects == motors
     # A value decides, not its name.
-    assert make_domain({"plant": "C.1", "lag": 0.0, "late": 0.0, "offset1": 0.0}).effects == motors
-    lagging = make_domain({"plant": "C.1", "lag": 0.003, "gain2": 0.8, "passive_push": 2.0, "offset1": -0.1})
+    assert resolve(domain={"plant": "C.1", "lag": 0.0, "late": 0.0, "offset1": 0.0}).effects == motors
+    lagging = resolve(domain={"plant": "C.1", "lag": 0.003, "gain2": 0.8, "passive_push": 2.0, "offset1": -0.1})
     with jax.enable_x64(True):
         _, found = draw_one(lagging, jax.random.key(0), robot)
     assert found.effects == Effects(motors=True, drive=True, sensors=True)
@@ -219,22 +219,22 @@ def test_domains_have_the_effects_that_they_need():
     assert 0 < abs(float(peaks[0])) <= 2.0  # the acrobot's shoulder is passive
     assert float(peaks[1]) == 0.0
     late = {"plant": "C.1", "quantum1": 1e-3, "late": 0.1, "lateness": 1e-3}
-    timed = make_domain(late | {"cf1": [0.04, 0.16], "cf2": [0.03, 0.12]})
+    timed = resolve(domain=late | {"cf1": [0.04, 0.16], "cf2": [0.03, 0.12]})
     assert (timed.effects.differences, timed.depth) == (True, 2)
     # λ of C.1, the stiffest corner, is 1,132 a second, and the longest period 6 ms: 6.8 / 2.5; in the middle 4.2.
     assert timed.substeps == 3
-    assert not make_domain({"plant": "C.1", "quantum1": 1e-3, "velocities": "driver"}).effects.differences
+    assert not resolve(domain={"plant": "C.1", "quantum1": 1e-3, "velocities": "driver"}).effects.differences
 
 
 def test_sessions_have_facts():
-    for domain in (load_domain(f"session-{name}") for name in SESSIONS):
+    for domain in (resolve(domain=f"session-{name}") for name in SESSIONS):
         assert set(domain.names) >= {*PLANT, "delay", "lag", "quantum1", "offset2"}
         assert all(low == high for _, low, high in domain.ranges)
 
 
 def test_the_recorded_ranges_are_as_wide_as_the_recordings():
     """Base parameters relative to the identified plant, where m2 and l1 keep their values."""
-    domain = load_domain("recorded")
+    domain = resolve(domain="recorded")
     ends = {name: array(low, high) for name, low, high in domain.ranges}
     base = domain.plant
     first = (ends["m1"] * ends["r1"] + base.m2 * base.l1) / (base.m1 * base.r1 + base.m2 * base.l1)

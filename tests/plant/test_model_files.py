@@ -12,8 +12,7 @@ import yaml
 from benchmark.independent import derivative
 from refusals import refusal
 from swingup import SwingupError, load_policy, measured_plant, save_plant
-from swingup.loop.domain import load_domain
-from swingup.loop.on_plant import plant_as_domain
+from swingup.loop.resolve import resolve
 from swingup.plant.files import SHIPPED_PLANTS, load_plant
 from swingup.plant.model_file import read_model
 from swingup.plant.plant import NAMES, make_plant
@@ -183,9 +182,9 @@ def test_facts_of_a_urdf(tmp_path):
     # Everywhere a plant is taken: as a domain, as that of a domain, and as the start of a parameter file.
     (tmp_path / "wide.yml").write_text("plant: mine.urdf\nm1: [0.9, 1.2]\n")
     (tmp_path / "heavy.yml").write_text("plant: mine.urdf\nm1: 1.5\n")
-    assert load_domain(tmp_path / "wide.yml").nominal_plant.m1 == pytest.approx(1.05)
+    assert resolve(domain=tmp_path / "wide.yml").nominal_plant.m1 == pytest.approx(1.05)
     assert load_plant(tmp_path / "heavy.yml").changed(m1=1.0) == plant
-    assert load_domain(path).plant == plant_as_domain(path).plant == plant
+    assert resolve(domain=path).plant == resolve(path).plant == plant
 
 
 def test_facts_of_an_mjcf(tmp_path):
@@ -268,9 +267,7 @@ def test_names_in_capitals_are_read_as_they_were_written(tmp_path, name):
     save_plant(tmp_path / name, plant)
     (tmp_path / "Base.YML").write_text(f"plant: {name}\nm1: 0.6\n")
     assert load_plant(tmp_path / name).values() == pytest.approx(plant.values(), rel=1e-14)
-    assert (
-        load_domain(tmp_path / name).plant == plant_as_domain(tmp_path / name).plant == load_plant(tmp_path / name)
-    )
+    assert resolve(domain=tmp_path / name).plant == resolve(tmp_path / name).plant == load_plant(tmp_path / name)
     assert load_plant(tmp_path / "Base.YML").m1 == 0.6
     shutil.copy(shipped_file("acrobot"), tmp_path / "P.SAFETENSORS")
     assert load_policy(tmp_path / "P.SAFETENSORS").robot.name == "acrobot"

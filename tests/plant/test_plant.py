@@ -11,8 +11,8 @@ import pytest
 import yaml
 
 from refusals import refusal
-from swingup.loop.domain import load_domain, make_domain
 from swingup.loop.draw import draw
+from swingup.loop.resolve import resolve
 from swingup.plant.files import SHIPPED_PLANTS, load_plant
 from swingup.plant.measured import measured_plant
 from swingup.plant.plant import LEADERBOARD, ROBOTS, get_robot, torque_over_gravity, validated
@@ -67,7 +67,7 @@ def test_the_leaderboards_plant_is_c1_without_friction_rotors_and_one_motor(robo
 def test_shipped_plants_are_pendulums_and_domains(name):
     plant = load_plant(name)
     assert (plant.name, load_plant(plant)) == (name, plant)
-    assert drawn(load_domain(name)).values() == plant.driven(PENDUBOT).values()
+    assert drawn(resolve(domain=name)).values() == plant.driven(PENDUBOT).values()
 
 
 def test_plants_of_two_names_share_compiled_code():
@@ -93,7 +93,7 @@ def test_a_file_of_facts_is_a_domain_and_may_start_from_another_plant(read, tmp_
     (tmp_path / "wide.yml").write_text(
         "plant: B.0\nm1: [0.6, 0.7]\npassive_limit: 0.5\ndelay: [0, 4e-3]\nIr: 4e-5\n"
     )
-    mine, wide = load_domain(tmp_path / "mine.yml"), load_domain(tmp_path / "wide.yml")
+    mine, wide = resolve(domain=tmp_path / "mine.yml"), resolve(domain=tmp_path / "wide.yml")
     for domain, limit in ((mine, 2.0), (wide, 6.0)):
         plant = drawn(domain)
         assert (plant.l2, plant.tl1) == (0.4, limit)  # B.0's second link
@@ -101,19 +101,18 @@ def test_a_file_of_facts_is_a_domain_and_may_start_from_another_plant(read, tmp_
     # Without a point, YAML reads a text.
     ranges = {"m1": [0.6, 0.7], "passive_limit": [0.5, 0.5], "delay": [0.0, 0.004], "Ir": [4e-5, 4e-5]}
     assert wide.as_dict() == {"plant": "B.0", **ranges}
-    assert hash(wide) == hash(load_domain(tmp_path / "wide.yml"))
+    assert hash(wide) == hash(resolve(domain=tmp_path / "wide.yml"))
 
 
 def test_a_domain_with_all_of_a_plants_values_has_that_plant():
     """Its plant is the middle of the ranges; the motors' limits may be one."""
     values = load_plant("B.0").values()
-    domain = make_domain({**values, "m1": [0.6, 0.8], "delay": 0.002}, "mine.yml")
-    assert domain.plant.name == "mine.yml"
+    domain = resolve(domain={**values, "m1": [0.6, 0.8], "delay": 0.002})
     assert domain.plant.values() == {**values, "m1": pytest.approx(0.7)}
     small = load_plant("cloudpendulum")
     some = {name: value for name, value in small.values().items() if name not in ("tl1", "tl2")}
-    assert "domain mine.yml lacks tl1, tl2" in refusal(make_domain, some, "mine.yml")
-    assert make_domain({**some, "torque_limit": 0.13}, "mine.yml").plant == small
+    assert "lacks tl1, tl2" in refusal(resolve, None, some)
+    assert resolve(domain={**some, "torque_limit": 0.13}).plant == small
 
 
 def test_mass_matrix_must_be_definite():

@@ -9,7 +9,7 @@ import pytest
 from refusals import refusal
 from swingup.controllers.registry import get_controller
 from swingup.controllers.stack.policy import policy_alone
-from swingup.loop.on_plant import drawn_around
+from swingup.loop.resolve import resolve
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.equations import NUMPY, Friction, damped_midpoint_step
 from swingup.plant.files import load_plant
@@ -121,7 +121,7 @@ def test_a_similar_plants_policy_is_the_same_in_its_units(pair):
 
 def test_the_shipped_policy_is_for_similar_pendulums_of_any_size(either_robot, similar):
     plants = "C.1", similar(load_plant("C.1")), "A.0"
-    own, small, other = (shipped_for(drawn_around(plant), either_robot) for plant in plants)
+    own, small, other = (shipped_for(resolve(plant, share=0.1), either_robot) for plant in plants)
     assert small.plant.values() == pytest.approx(similar(own.plant).values())
     assert other is None
     named = refusal(get_controller, "adaptive", either_robot, plant="A.0")

@@ -2,12 +2,12 @@
 
 import pytest
 
-from swingup.loop.domain import load_domain
+from swingup.loop.resolve import resolve
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD
 from swingup.policy.shipped import load_policy
 from swingup.refine.adapt import save_domain
-from swingup.refine.recipe import domain_around, run_recipe
+from swingup.refine.recipe import GUESS, run_recipe
 
 LOOP = "delay: 0.02\nquantum1: 0.001\npassive_limit: 0\n"
 FILES = {
@@ -20,9 +20,9 @@ FILES = {
 
 @pytest.mark.parametrize("content", FILES.values(), ids=FILES)
 def test_the_domain_of_a_plants_file_keeps_its_values_and_loop_and_reads_back(tmp_path, content):
-    source, c1, recorded = tmp_path / "mine.yml", load_plant("C.1"), load_domain("recorded")
+    source, c1, recorded = tmp_path / "mine.yml", load_plant("C.1"), resolve(domain="recorded")
     source.write_text(content)
-    found = domain_around(source, None)
+    found = resolve(source, "recorded", GUESS)
     low, high = found.low, found.high
     # A guess of 0.5 kg is off by 10 %; the other parameters are C.1's, or within 10 % of them.
     is_guess = "m1: 0.5\n" in content
@@ -42,7 +42,7 @@ def test_the_domain_of_a_plants_file_keeps_its_values_and_loop_and_reads_back(tm
         assert all(low.value(name) == recorded.low.value(name) for name in names)
     assert low.value("velocity_noise") == recorded.low.value("velocity_noise")
     saved = save_domain(tmp_path / "out-adapt.yml", found, "a test")
-    again = load_domain(saved.name)
+    again = resolve(domain=saved.name)
     for end, other in ((again.low, found.low), (again.high, found.high)):
         assert end.plant.values() == pytest.approx(other.plant.values())
         assert end.loop == other.loop

@@ -15,8 +15,7 @@ from swingup.controllers.baselines.continuation import ContinuationSettings, nom
 from swingup.controllers.stack.policy import Policy, PolicyController, policy_alone
 from swingup.controllers.stack.regulator import TRIANGLE
 from swingup.dynamics.dynamics import UPRIGHT, acceleration, gravity_torque
-from swingup.loop.domain import load_domain
-from swingup.loop.on_plant import drawn_around, loop_around
+from swingup.loop.resolve import resolve
 from swingup.loop.starts import PASSING, STILL, Starts, still_states
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.files import load_plant
@@ -58,7 +57,7 @@ FEW = dataclasses.replace(
     RECIPES["adapt"][1], draws=PlantDraws(1, 1, 1, 1), copies=16, rounds=2, steps=400,
     scored=dataclasses.replace(SCORED, steps=4, recoveries=2, duration=0.1),
 )  # fmt: skip
-RECORDED = load_domain("recorded")
+RECORDED = resolve(domain="recorded")
 
 
 teacher_torque = eqx.filter_jit(teaching.teacher_torque)
@@ -299,7 +298,7 @@ def test_a_student_learns_and_sees_its_plant():
 
 def test_plants_of_any_domain_are_drawn_in_c1s_units_with_the_friction_that_no_motor_compensates(robot):
     cell = load_plant("cloudpendulum")
-    domain, design = drawn_around(cell), cell.frictionless().driven(robot)
+    domain, design = resolve(cell, share=0.1), cell.frictionless().driven(robot)
     nominal = similar_plant(design, arm_scales(design))
     plants = drawn(robot, 0, 0, 0, 40, nominal=nominal, domain=domain)
     assert all(plant.limit(robot.joint) == pytest.approx(6.0) for plant in plants)
@@ -311,7 +310,7 @@ def test_plants_of_any_domain_are_drawn_in_c1s_units_with_the_friction_that_no_m
     assert 0.7 * most < max(friction) <= most
     assert min(friction) >= 0
     # With a motor there is what the compensation leaves: a quarter, as of the recorded robot.
-    braked = loop_around(domain, "recorded")
+    braked = resolve(domain, "recorded")
     plants = drawn(robot, 0, 0, 0, 40, nominal=nominal, domain=braked)
     left = max(0.04, 0.24 * most)
     assert 0.7 * left < max(getattr(plant, passive) for plant in plants) <= left
@@ -319,7 +318,7 @@ def test_plants_of_any_domain_are_drawn_in_c1s_units_with_the_friction_that_no_m
 
 def test_every_drawn_plant_is_a_pendulum(robot):
     # One in fifty joint draws about B.0 is none: its mass matrix is nearly singular.
-    domain, design = drawn_around("B.0"), load_plant("B.0").frictionless().driven(robot)
+    domain, design = resolve("B.0", share=0.1), load_plant("B.0").frictionless().driven(robot)
     nominal = similar_plant(design, arm_scales(design))
     for plant in drawn(robot, 0, 300, 0, 0, nominal=nominal, domain=domain):
         validated(plant)

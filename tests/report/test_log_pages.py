@@ -24,7 +24,7 @@ from swingup.identification.scoring import (
     summarise,
 )
 from swingup.identification.segments import INTERVAL, Segments, cut_windows
-from swingup.loop.domain import make_domain
+from swingup.loop.resolve import resolve
 from swingup.plant.plant import ROBOTS
 from swingup.report.draw import draw
 from swingup.report.log_report import report_comparison, report_identification
@@ -54,8 +54,8 @@ def log(tmp_path_factory):
 def comparison(log):
     heavy = dataclasses.replace(C1, I2=1.3 * C1.I2, name="heavy")
     plants = {
-        "right": make_domain({"plant": "C.1", **PERFECT}),
-        "heavy": make_domain({"plant": heavy, **PERFECT}, "heavy"),
+        "right": resolve(domain={"plant": "C.1", **PERFECT}),
+        "heavy": resolve(domain={"plant": heavy, **PERFECT}),
     }
     found = compare(log, plants)
     run = close_loop(found.recording, lambda x, t: [0.5, 0.0], "mine:push", ROBOTS["pendubot"], plants["right"])
@@ -84,7 +84,7 @@ def test_windows_are_grouped_by_their_fastest_joint():
 
 @pytest.mark.slow
 def test_delay_and_lag_that_nobody_says_are_fitted(log):
-    found = predict_log(read_recording(log), make_domain({"plant": "C.1"}), "C.1")
+    found = predict_log(read_recording(log), resolve(domain={"plant": "C.1"}), "C.1")
     assert found.fitted == ("delay", "lag")
     assert found.as_dict()["model"]["delay"] + found.as_dict()["model"]["lag"] < 1.5e-3
 

@@ -13,7 +13,7 @@ from swingup.benchmark.board import Setting
 from swingup.benchmark.boards import SIM2REAL
 from swingup.dynamics.dynamics import UPRIGHT
 from swingup.dynamics.integrate import rk4_step
-from swingup.loop.domain import load_domain, make_domain
+from swingup.loop.resolve import resolve
 from swingup.loop.starts import thrown_states
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, ROBOTS
@@ -194,9 +194,9 @@ def test_the_global_task_of_a_similar_pendulum_is_in_its_units(either_robot, x64
 
 
 def test_the_rules_of_a_swing_up_are_in_the_units_of_the_domains_plant(either_robot):
-    around_c1 = load_domain("randomised")
+    around_c1 = resolve(domain="randomised")
     assert SIM2REAL.on(Setting(either_robot, LEADERBOARD, around_c1)).limits == SIM2REAL.limits
     # T is 0.4258 of C.1's: speeds up to 20 / 0.4258 rad/s.
-    small = make_domain({"plant": "cloudpendulum", "m1": [0.1, 0.11]})
+    small = resolve(domain={"plant": "cloudpendulum", "m1": [0.1, 0.11]})
     board = SIM2REAL.on(Setting(either_robot, small.design, small))
     assert board.limits.speed == pytest.approx(46.97, abs=0.01)

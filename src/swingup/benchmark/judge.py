@@ -13,9 +13,8 @@ from ..common.errors import SwingupError, naming, quoted
 from ..controllers.check import announce, call_time, slow_call
 from ..controllers.interface import AbstractController
 from ..controllers.registry import has_estimator
-from ..loop.domain import Domain, load_domain
-from ..loop.on_plant import loop_around
-from ..plant.files import load_plant
+from ..loop.domain import Domain
+from ..loop.resolve import resolve
 from ..plant.plant import LEADERBOARD, PlantLike, Robot, get_robot
 from .board import AbstractBoard, Case, Run, Setting
 from .boards import BOARDS, get_board
@@ -37,7 +36,7 @@ def judge(
     *,
     seed: int = 0,
     name: str = "controller",
-    plant: PlantLike | None = None,
+    plant: PlantLike | Domain | None = None,
     domain: Domain | str | None = None,
     disturbance: DisturbanceSettings | None = None,
     progress: Progress | None = None,
@@ -54,8 +53,9 @@ def judge(
         seed: the first seed of all that is drawn: noise, pushes, throws, plants and loops.
         name: name of the controller in the result.
         plant: what is simulated, with the board's disturbances in that pendulum's own units: a plant, its name or
-            its file; None for the leaderboards' plant, or for the domain's.
-        domain: ranges of plants and loops, for boards that draw them; None for the board's.
+            its file, or a domain; None for the leaderboards' plant, or for the domain's.
+        domain: ranges of plants and loops, for boards that draw them; None for the board's. What the plant's file
+            says of its loop has the last word (:func:`~swingup.loop.resolve.resolve`).
         disturbance: noise, delay, motor response and pushes, for boards in a perfect loop.
         progress: called with the number of finished simulations, and of all.
 
@@ -108,7 +108,7 @@ def score(
     board: AbstractBoard | str = "performance",
     *,
     name: str = "recording",
-    plant: PlantLike | None = None,
+    plant: PlantLike | Domain | None = None,
     force: bool = False,
 ) -> Result:
     """Score a recording from any source by the rules of a board, whoever pushed or threw the pendulum and when.
@@ -133,10 +133,10 @@ def score(
     if not board.keeps_rows:
         others = ", ".join(each.name for each in BOARDS.values() if each.keeps_rows)
         raise SwingupError(f"the board {board.name} is a grid of simulations: it scores no recording; use {others}")
-    if plant is None:
-        found = LEADERBOARD if board.domain is None else load_domain(board.domain).design
+    if plant is None and board.domain is not None:
+        found = resolve(domain=board.domain).design
     else:
-        found = load_plant(plant)
+        found = resolve(LEADERBOARD if plant is None else plant).facts
     rows, setting = scorable_rows(trajectory), Setting(robot, found)
     run = board.on(setting).score(Case(Scenario(setting.nominal)), rows)
     # The criteria of one run, also where the board itself shows those of many.
@@ -173,7 +173,7 @@ def summed_up(
 def make_setting(
     robot: Robot | str,
     board: AbstractBoard,
-    plant: PlantLike | None = None,
+    plant: PlantLike | Domain | None = None,
     domain: Domain | str | None = None,
     disturbance: DisturbanceSettings | None = None,
 ) -> Setting:
@@ -185,11 +185,10 @@ def make_setting(
         if domain is not None:
             given = domain.name if isinstance(domain, Domain) else domain
             raise SwingupError(f"the board {board.name} draws no plants: leave the domain {quoted(given)} out")
-        return Setting(robot, load_plant(LEADERBOARD if plant is None else plant), None, disturbance)
-    if isinstance(board, UptimeBoard) and plant is not None and load_plant(plant) != LEADERBOARD:
+        return Setting(robot, resolve(LEADERBOARD if plant is None else plant).facts, None, disturbance)
+    if isinstance(board, UptimeBoard) and plant is not None:
         raise SwingupError(f"the board {board.name} draws plants from a domain: give the plant as the domain")
-    around = None if isinstance(board, UptimeBoard) else plant
-    ranges = loop_around(around, board.domain if domain is None else domain)
+    ranges = resolve(plant, board.domain if domain is None else domain)
     return Setting(robot, ranges.design, ranges)
 
 

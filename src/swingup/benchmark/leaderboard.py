@@ -11,8 +11,9 @@ from typing import Any
 from ..common.checks import check_seeds
 from ..common.errors import SwingupError
 from ..controllers.baselines.baselines import BASELINES
-from ..controllers.registry import designs_for, get_controller, has_estimator
-from ..plant.files import load_plant
+from ..controllers.registry import get_controller, has_estimator
+from ..loop.domain import Domain
+from ..loop.resolve import resolve
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
 from ..policy.shipped import ADAPTIVE, AR_EAPO, GLOBAL
 from .board import AbstractBoard, Setting
@@ -83,7 +84,7 @@ def leaderboard(
     recompute: bool = False,
     entrants: Sequence[str] | None = None,
     progress: StageProgress | None = None,
-    plant: PlantLike = LEADERBOARD,
+    plant: PlantLike | Domain | None = None,
 ) -> list[Table]:
     """The tables of some boards, with our rows computed now.
 
@@ -96,17 +97,18 @@ def leaderboard(
         entrants: names of the built-in controllers that enter; None for those of each board.
         progress: called before each row and while it is computed.
         plant: what the controllers are judged on, and the baselines designed for: a plant, its name or its file.
-            Tables of another plant than the leaderboards' have no published or shipped rows.
+            None for the leaderboards' plant, whose tables alone have published and shipped rows.
 
     Raises:
         SwingupError: there is no such robot, board or plant, the seed is out of range, or a board draws plants and
             got one. The row of a controller that fails says so.
     """
-    robot, seed, found = get_robot(robot), check_seeds(seed, 1)[0], load_plant(plant)
+    robot, seed = get_robot(robot), check_seeds(seed, 1)[0]
+    found = LEADERBOARD if plant is None else resolve(plant).facts
     usual, tables = found == LEADERBOARD, []
     for board in map(get_board, boards):
-        if board.domain is not None and not usual:
-            raise SwingupError(f"the board {board.name} draws plants from a domain: leave the plant {plant} out")
+        if board.domain is not None and plant is not None:
+            raise SwingupError(f"the board {board.name} draws plants from a domain: leave the plant {found} out")
         setting = make_setting(robot, board, found if board.domain is None else None)
         names = default_entrants(board) if entrants is None else entrants
         entered = entrants_for(robot, controllers or {}, names, alone=True, plant=setting.plant)
@@ -136,16 +138,16 @@ def entrants_for(
     others: Mapping[str, Any],
     names: Sequence[str] = ENTRANTS,
     alone: bool = False,
-    plant: PlantLike = LEADERBOARD,
+    plant: Plant = LEADERBOARD,
 ) -> dict[str, Any]:
     """Built-in controllers and others by name; with ``alone`` those with an estimator also without it."""
     # Before controllers are made, which takes seconds.
     taken = sorted({*others} & {*names, *(f"{name}{ALONE}" for name in names)})
     if taken:
         raise SwingupError(f"controller {taken[0]!r} is on the board already: give yours another name")
-    ours = {name: get_controller(name, robot, plant=designs_for(name, plant)) for name in names}
+    ours = {name: get_controller(name, robot, design=plant) for name in names}
     twice = [name for name in names if alone and has_estimator(ours[name])]
-    ours |= {f"{name}{ALONE}": get_controller(name, robot, False, designs_for(name, plant)) for name in twice}
+    ours |= {f"{name}{ALONE}": get_controller(name, robot, False, design=plant) for name in twice}
     return ours | dict(others)
 
 

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from ..common.errors import SwingupError
-from ..controllers.registry import designs_for, get_controller
+from ..controllers.registry import get_controller
 from ..dynamics.dynamics import wrap_difference
 from ..identification.conventions import check_columns
 from ..identification.prediction import integration_of, vector_of
@@ -17,7 +17,7 @@ from ..identification.recording import Recording, read_recording
 from ..identification.scoring import OpenLoop, predict_log, predicted_curves
 from ..identification.segments import Segments, cut_windows
 from ..loop.domain import Domain
-from ..loop.on_plant import loop_around
+from ..loop.resolve import resolve
 from ..plant.plant import Robot, get_robot
 from .boards import HARDWARE
 from .judge import judge, score
@@ -107,8 +107,8 @@ def compare(
     if controller is not None:
         driven = driven_robot(recording.name, recording.u) if robot is None else get_robot(robot)
         for name, domain in plants.items():
-            around = loop_around(domain, loop)
-            found = get_controller(controller, driven, plant=designs_for(controller, domain.nominal_plant))
+            around = resolve(domain, loop)
+            found = get_controller(controller, driven, design=domain.nominal_plant)
             runs[name] = close_loop(recording, found, controller, driven, around, seed)
     predictions = [predict_log(recording, domain, name) for name, domain in plants.items()]
     windows = cut_windows(recording, DRAWN_LENGTH, stride=DRAWN_LENGTH, minimum_speed=0.0)

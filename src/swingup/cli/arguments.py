@@ -11,9 +11,11 @@ from tyro.constructors import PrimitiveConstructorSpec
 from ..common.checks import one_of
 from ..common.errors import SwingupError, one_line
 from ..common.files import check_suffix, check_writable
-from ..plant.files import PLANT_FILES, SHIPPED_PLANTS, is_model_file, load_plant
+from ..loop.domain import Domain
+from ..loop.resolve import resolve
+from ..plant.files import PLANT_FILES, SHIPPED_PLANTS, is_model_file
 from ..plant.model_file import read_model
-from ..plant.plant import LEADERBOARD, Plant, Robot, get_robot
+from ..plant.plant import Plant, Robot, get_robot
 
 
 def optional(text: str, metavar: str | None = None) -> Any:
@@ -66,18 +68,24 @@ NO_OPTIONS: Any = {}
 """Nothing was given of a class of options."""
 
 
-def plant_of(options: PlantOptions) -> Plant:
-    """The plant that the options name; the leaderboards' without any."""
+def plant_of(options: PlantOptions) -> Domain | None:
+    """What the options name, with the ranges and the loop that a file has; None without any."""
     if "plant" not in options:
         if options.get("frictionless"):
             raise SwingupError("--frictionless needs --plant: the leaderboards' plant has no friction")
-        return LEADERBOARD
-    found = load_plant(options["plant"])
+        return None
+    found = resolve(options["plant"])
     if is_model_file(options["plant"]):
         for note in read_model(options["plant"]).notes:
             if note.startswith(("not ", "left out")):
                 print(f"swingup: {one_line(options['plant'])}: {note}", file=sys.stderr)
     return found.frictionless() if options.get("frictionless") else found
+
+
+def facts_of(options: PlantOptions) -> Plant | None:
+    """The one plant that the options name; None without any."""
+    found = plant_of(options)
+    return None if found is None else found.facts
 
 
 def check_outputs(formats: Sequence[str], *paths: str | None) -> None:

@@ -19,7 +19,7 @@ from ..export.folder import FORMS as FOLDERS
 from ..export.folder import NAME, cloudpendulum_guard, cloudpendulum_notes, export_folder
 from ..export.onnx_graph import onnx_model
 from ..learner.metrics import read_metrics
-from ..plant.plant import Robot
+from ..plant.plant import LEADERBOARD, Robot
 from ..policy.guard import GuardSettings, choose_guard
 from ..policy.pendulum import PendulumPolicy, write_plant
 from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_policy
@@ -35,7 +35,7 @@ from ..report.figures import (
     trajectory_figure,
 )
 from ..report.film import FILM_FORMATS, FPS, SIZE, animate
-from .arguments import NO_OPTIONS, DomainName, FileName, Names, PlantOptions, RobotName, plant_of, word_of
+from .arguments import NO_OPTIONS, DomainName, FileName, Names, PlantOptions, RobotName, facts_of, word_of
 from .output import Progress, tell, tell_json
 from .results import aligned, result_lines
 
@@ -104,7 +104,7 @@ def export_command(
             f"{policy!r} is a baseline, which has no policy file: swingup.RealAIGymController runs it, and "
             f"--to trajectory writes its swing-up with gains"
         )
-    found = load_policy(policy, robot, plant_of(plant) if plant else None)
+    found = load_policy(policy, robot, facts_of(plant))
     changes = {"velocity_limit": velocity_limit, "braking": braking}
     found = dataclasses.replace(found, guard=_guard(found, to, guard, changes))
     if to in FOLDERS:
@@ -124,7 +124,7 @@ def _export_trajectory(name: str, robot: Robot | None, out: str, plant: PlantOpt
     problem = TRACKED_PROBLEMS[one_of("baseline that follows a swing-up", name, TRACKED_PROBLEMS)]
     if robot is None:
         raise SwingupError("--to trajectory needs a robot: add --robot acrobot or --robot pendubot")
-    on = plant_of(plant)
+    on = facts_of(plant) or LEADERBOARD
     design = design_of(robot, on)
     check_seeds(seed or 0, 1)
     check_writable(out)
@@ -255,7 +255,8 @@ def plot_command(
     one_of("kind of plot", kind, PLOT_KINDS)
     if not files:
         raise SwingupError("nothing to draw: give at least one file")
-    suffix, found = check_suffix(out, FILM_FORMATS if kind == "animation" else FIGURE_FORMATS), plant_of(plant)
+    suffix = check_suffix(out, FILM_FORMATS if kind == "animation" else FIGURE_FORMATS)
+    found = facts_of(plant) or LEADERBOARD
     labels = make_labels(files)
     if kind == "robustness":
         figure = robustness_figure(dict(zip(labels, map(read_robustness, files), strict=True)))

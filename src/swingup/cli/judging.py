@@ -18,9 +18,9 @@ from ..benchmark.robustness_board import RobustnessBoard, change_grid
 from ..common.errors import SwingupError, command_line
 from ..common.files import check_writable, write_atomically
 from ..controllers.check import call_time, check_controller, slow_call
-from ..controllers.registry import BUILT_IN, designs_for, get_controller
+from ..controllers.registry import BUILT_IN, get_controller
 from ..loop.loop import LOOP_DT
-from ..plant.plant import ROBOTS, Plant, Robot, get_robot
+from ..plant.plant import LEADERBOARD, ROBOTS, Plant, Robot, get_robot
 from ..policy.shipped import DEFAULT
 from ..report.page import make_section, render_page
 from .arguments import (
@@ -30,6 +30,7 @@ from .arguments import (
     Names,
     PlantOptions,
     RobotName,
+    facts_of,
     optional,
     plant_of,
     value_of,
@@ -110,21 +111,19 @@ def evaluate_command(
     """
     wanted = estimator.get("estimator")
     if check:
-        return _check(controller, robot, wanted, plant_of(plant))
-    # By its name, since a file may have ranges for the boards that draw plants.
-    on = plant_of(plant) if plant.get("frictionless") else plant.get("plant")
+        return _check(controller, robot, wanted, facts_of(plant) or LEADERBOARD)
     given: Any = {**disturbance, "pushes": PushRules() if disturbance.get("pushes") else None}
     disturbed = DisturbanceSettings(**given) if disturbance else None
-    loop: Any = {"plant": on, "domain": domain, "disturbance": disturbed}
+    loop: Any = {"plant": plant_of(plant), "domain": domain, "disturbance": disturbed}
     boards, results = _boards(board, criteria, grid), []
     if save is not None:
         if len(boards) > 1 or not boards[0].keeps_rows:
             raise SwingupError(f"--save writes a trajectory: {', '.join(board)} have none or several")
         check_writable(save)  # before the judging, which may take minutes
     for each in boards:
-        designed_for = designs_for(controller, make_setting(robot, each, **loop).plant)
+        design = make_setting(robot, each, **loop).plant
         with foreign_prints_apart(), Progress() as progress:
-            found = get_controller(controller, robot, wanted, designed_for)
+            found = get_controller(controller, robot, wanted, design=design)
             told = partial(progress, each.name)
             result = judge(found, robot, each, seeds, seed=seed, name=controller, progress=told, **loop)
         results.append(result)
@@ -147,7 +146,7 @@ def evaluate_command(
 def _check(name: str, robot: Robot, estimator: bool | None, plant: Plant) -> int:
     """Print a controller's faults, and whether it is too slow for its loop; the exit status is 1 with a fault."""
     with foreign_prints_apart():
-        found = get_controller(name, robot, estimator, designs_for(name, plant))
+        found = get_controller(name, robot, estimator, design=plant)
         findings = check_controller(found, robot, float(plant.limit(robot.joint)))
         slow = None if findings else slow_call(call_time(found, LOOP_DT), LOOP_DT)
     lines = [*(findings or ["nothing wrong was found"]), *([] if slow is None else [f"warning: {slow}"])]
@@ -203,10 +202,9 @@ def leaderboard_command(
         raise SwingupError(f"--{' and --'.join(asked)} exclude each other: choose one")
     if page is not None:
         check_writable(page)
-    boards, on = _boards(board), plant_of(plant)
+    boards, on = _boards(board), facts_of(plant)
     mine = {
-        each: {name: get_controller(name, each, plant=designs_for(name, on)) for name in controller}
-        for each in robot
+        each: {name: get_controller(name, each, design=on or LEADERBOARD) for name in controller} for each in robot
     }
     with foreign_prints_apart(), Progress() as progress:
         how: Any = {"boards": boards, "seed": seed, "recompute": recompute, "progress": progress, "plant": on}
@@ -249,6 +247,5 @@ def score_command(
         json: print one JSON object.
     """
     rows, name = load_trajectory(trajectory, columns), Path(trajectory).stem
-    on = plant_of(plant) if plant else None
-    result = score(rows, robot, board, name=name, plant=on, force=force)
+    result = score(rows, robot, board, name=name, plant=facts_of(plant), force=force)
     tell_json(result.as_dict(), indent=1) if json else tell(*result_lines(result, name))

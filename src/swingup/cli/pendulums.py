@@ -3,7 +3,6 @@
 import itertools
 import time
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import Annotated
 
 from tyro.conf import UseAppendAction, arg
@@ -13,11 +12,9 @@ from ..common.errors import SwingupError, one_line, quoted
 from ..common.files import check_writable
 from ..identification.excitation import excite
 from ..identification.identify import identify
-from ..identification.plant_domain import prior_around
-from ..loop.domain import load_domain
-from ..loop.on_plant import plant_as_domain
+from ..loop.resolve import resolve
 from ..plant.chain import READINGS
-from ..plant.files import MODEL_FILES, PARAMETER_FILES, is_model_file, load_plant, save_plant
+from ..plant.files import MODEL_FILES, PARAMETER_FILES, is_model_file, save_plant
 from ..plant.measured import measured_plant
 from ..plant.plant import ROBOTS, torque_over_gravity
 from ..report.log_report import identification_tables, report_comparison, report_identification
@@ -103,7 +100,7 @@ def named_values(option: str, words: Iterable[str], example: str) -> dict[str, f
 def excite_command(
     out: Annotated[str, arg(metavar="FILE.csv")],
     plant: Annotated[
-        str | None, arg(metavar="PLANT", help=f"the robot, as far as it is known: {PLANTS}; default: C.1.")
+        str | None, arg(metavar="PLANT", help=f"the robot's approximate parameters: {PLANTS}; default: C.1.")
     ] = None,
     domain: DomainName | None = None,
     joint: Annotated[str, word_of("joint", "both", "shoulder", "elbow")] = "both",
@@ -123,7 +120,8 @@ def excite_command(
     Args:
         out: the excitation's file.
         plant: the robot.
-        domain: ranges of what the robot may be: a domain's name or file. Default: around the plant.
+        domain: without --plant, ranges of what the robot may be: a domain's name or file; with it, the loop around
+            the plant, which has the ranges of its file or those of specimens of one design.
         joint: which motors act.
         duration: length (s).
         torque: largest torque (N m). Default: that of the motors.
@@ -134,19 +132,14 @@ def excite_command(
         json: print one JSON object.
     """
     check_writable(out)
-    if domain is None:
-        prior = prior_around(load_plant(plant or "C.1"))
-    else:
-        prior = load_domain(domain)
-        prior = prior if plant is None else replace(prior, plant=load_plant(plant))
-    found = excite(prior, duration, joint, torque, speed, angle, seed, alone)
+    found = excite(plant, domain, duration, joint, torque, speed, angle, seed, alone)
     found.save(out)
     if json:
-        tell_json({"domain": prior.name, "joint": joint, "seed": seed, **found.as_dict()})
+        tell_json({"joint": joint, "seed": seed, **found.as_dict()})
         return
     torques = zip(abs(found.torque).max(axis=0), found.limits.torque, strict=True)
     tell(
-        f"{found.time[-1]:.3g} s, checked on {found.plants} plants of {prior.name}",
+        f"{found.time[-1]:.3g} s, checked on {found.plants} plants of {found.prior}",
         "  largest torque " + ", ".join(f"{u:.3g} of {limit:.3g} N m" for u, limit in torques),
         f"  largest speed {found.speed:.3g} of {found.limits.speed:.3g} rad/s, "
         f"angle {found.angle:.3g} of {found.limits.angle:.3g} rad",
@@ -243,7 +236,7 @@ def compare_command(
         if controller is None and value is not None:
             raise SwingupError(f"{option} {one_line(value)} goes with a controller's runs: add --controller")
     check_outputs(PAGE_FORMATS, out)
-    plants = {name: plant_as_domain(name) for name in plant}
+    plants = {name: resolve(name) for name in plant}
     with foreign_prints_apart():
         found = compare(log, plants, controller, domain, robot, seed or 0, columns)
     report = report_comparison(found)

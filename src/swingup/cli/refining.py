@@ -10,7 +10,7 @@ from tyro.conf import arg
 from ..common.arrays import SUFFIX
 from ..common.errors import SwingupError, command_line, duration
 from ..learner.run import Run
-from ..plant.plant import PlantLike, Robot
+from ..plant.plant import Robot
 from ..policy.shipped import AR_EAPO, load_policy
 from ..refine.adapt import Watch, adapt
 from ..refine.recipe import ADAPT, RECIPES, RECOVER, RefinementReport, run_recipe, save_refined
@@ -66,11 +66,7 @@ def refine_command(
     options: dict[str, Any] = {"policy": policy, "recipe": recipe, "domain": domain, "seed": seed}
     command = command_line("refine", robot.name, **options, out=Path(out).name, **plant)
     base = None if policy is None else load_policy(policy, robot)
-    sees_plant = base is None or recipe == ADAPT or base.network.plant_stage is not None
-    on: PlantLike | None = plant.get("plant")
-    # For a policy that sees its plant the file and not the plant, since the file may have ranges and a loop.
-    if plant.get("frictionless") or (on is not None and not sees_plant):
-        on = plant_of(plant)
+    on = plant_of(plant)
     if recipe == ADAPT:
         draws = 100 if seeds is None else seeds
         known = {"policy": base, "frames": frames, "seed": seed, "draws": draws, "command": command}

@@ -16,7 +16,7 @@ from ..learner.run_folder import RunFolder
 from ..learner.run_settings import make_run_settings
 from ..sweep.runs import Job, Row, describe, executor_for, parse_alternatives, plan_jobs, run_jobs, summarise
 from ..sweep.search import best_trial, search, trials_of
-from .arguments import NO_OPTIONS, PlantOptions, RobotName, plant_of, task_name
+from .arguments import NO_OPTIONS, PlantOptions, RobotName, facts_of, task_name
 from .output import Progress, tell, tell_json, tell_table
 from .training import RunOptions
 
@@ -64,7 +64,7 @@ def sweep_command(
         plant: the pendulum to train on, in whose units the task is.
         json: print JSON instead of the table.
     """
-    given: dict[str, Any] = {"plant": plant_of(plant), **run}
+    given: dict[str, Any] = {"plant": facts_of(plant), **run}
     task = task_name(robot, given.pop("env", None))
     base = make_run_settings(task, **given)
     # Ids of Gymnasium environments may contain slashes.

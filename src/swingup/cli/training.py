@@ -24,7 +24,7 @@ from ..learner.progress import TrainingReport
 from ..learner.run import Run, resume_run, start_run
 from ..learner.run_folder import BEST, LAST, result_on_disk
 from ..learner.run_settings import is_continuing, make_run_settings, read_run_settings
-from .arguments import NO_OPTIONS, PlantOptions, RobotName, optional, plant_of, task_name, value_of
+from .arguments import NO_OPTIONS, PlantOptions, RobotName, facts_of, optional, task_name, value_of
 from .output import Progress, program_typed, tell, tell_table
 from .results import judged_name, plant_note, result_lines
 
@@ -105,7 +105,7 @@ def train_command(
         hyperparameters: those that are left out are the preset's. In brackets: the value in the preset default,
             then in presets that differ.
     """
-    given: dict[str, Any] = {"seed": seed, "seeds": seeds, "plant": plant_of(plant) if plant else None, **run}
+    given: dict[str, Any] = {"seed": seed, "seeds": seeds, "plant": facts_of(plant), **run}
     if resume is None:
         env = task_name(robot, given.pop("env", None))
         started = start_training(env, frames, out, hyperparameters, **given)

@@ -9,8 +9,8 @@ from typing import Any
 
 from ..common.checks import suggestion
 from ..common.errors import SwingupError, described, naming, quoted
-from ..plant.files import load_plant
-from ..plant.plant import LEADERBOARD, PlantLike, Robot, get_robot
+from ..loop.resolve import resolve
+from ..plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
 from ..policy.shipped import SHIPPED_POLICIES, is_policy, load_policy
 from .baselines.baselines import BASELINES, baseline
 from .interface import AbstractController, PythonController
@@ -24,7 +24,11 @@ Controller = AbstractController[Any] | PythonController
 
 
 def get_controller(
-    name: str, robot: Robot | str, estimator: bool | None = None, plant: PlantLike = LEADERBOARD
+    name: str,
+    robot: Robot | str,
+    estimator: bool | None = None,
+    plant: PlantLike | None = None,
+    design: Plant = LEADERBOARD,
 ) -> Controller:
     """Find a controller by its name, with or without a state estimator before it.
 
@@ -35,18 +39,21 @@ def get_controller(
         robot: which joint is driven.
         estimator: never (False), always (True), or where the policy file has its settings (None). Without settings
             in the file it has the defaults.
-        plant: what a baseline is designed for, and the model of an estimator before it, or what a policy that finds
-            its plant begins with: a plant, its name or its file. Other policies have one of their own.
+        plant: what a policy that finds its plant begins with, or what a baseline is designed for, and the model of
+            an estimator before it: a plant, its name or its file; None for the plant of the policy's file, or for
+            ``design``. Other policies have one of their own.
+        design: what a baseline is designed for where no plant is given.
 
     Raises:
         SwingupError: there is no such controller or plant, it cannot be loaded, it is for another robot, it is in
             plain Python and an estimator was requested, or it is a policy that is not for the plant given.
     """
     robot = get_robot(robot)
+    given = None if plant is None else resolve(plant).facts
     if is_policy(name):
-        told = None if load_plant(plant) == LEADERBOARD else plant
-        return make_controller(load_policy(name, robot, told), estimator)
-    found = baseline(name, robot, plant) if name in BASELINES else _imported(name)
+        return make_controller(load_policy(name, robot, given), estimator)
+    design = design if given is None else given
+    found = baseline(name, robot, design) if name in BASELINES else _imported(name)
     # An imported controller may bring its own estimator; a second one would estimate an estimate.
     if isinstance(found, EstimatingController):
         return found.controller if estimator is False else found
@@ -58,12 +65,7 @@ def get_controller(
             "in JAX"
         )
     with naming(f"controller {quoted(name)}"):
-        return with_estimator(found, robot, load_plant(plant).driven(robot))
-
-
-def designs_for(name: str, plant: PlantLike) -> PlantLike:
-    """The plant that a controller is designed for where one is judged; the default for a policy, with its own."""
-    return LEADERBOARD if is_policy(name) else plant
+        return with_estimator(found, robot, design.driven(robot))
 
 
 def has_estimator(controller: Any) -> bool:

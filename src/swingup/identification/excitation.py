@@ -9,8 +9,10 @@ the largest determinant of Yᵀ Y, with the matrix Y of the linear regression th
 
 import functools
 import itertools
+import operator
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,11 +25,13 @@ from ..common.checks import check_seeds, finite_number, one_of
 from ..common.errors import SwingupError
 from ..common.table import write_columns
 from ..dynamics.integrate import implicit_step
-from ..loop.domain import Domain
+from ..loop.domain import Domain, PlantInLoop
+from ..loop.draw import draw_values
+from ..loop.resolve import resolve
 from ..plant.base_parameters import friction_of, lumped
-from ..plant.plant import NAMES as PLANT_NAMES
-from ..plant.plant import Plant
+from ..plant.plant import PlantLike
 from ..plant.units import VELOCITY, scales_of
+from .plant_domain import prior_around
 from .prediction import INDEX, NAMES, Integration, in_chunks, in_loop, integration_of, vector_of
 from .regression import OFFSETS, SPAN, regression_matrix
 from .segments import INTERVAL
@@ -76,24 +80,23 @@ LANES = 256  # motions that one call of the compiled program simulates
 
 def draw_models(domain: Domain, count: int, seed: int) -> Float[np.ndarray, "count 15"]:
     """Models of plants and loops, uniform on the domain's ranges; the first is the middle of all ranges."""
-    random = np.random.default_rng(seed)
-    names = [name for name, _, _ in domain.ranges]
-    low, high = (np.array([row[place] for row in domain.ranges]) for place in (1, 2))
-    part = np.concatenate([np.full((1, len(names)), 0.5), random.random((count - 1, len(names)))])
-    return np.stack([_model(domain, dict(zip(names, low + row * (high - low), strict=True))) for row in part])
+    with jax.enable_x64(True):
+        keys = jax.random.split(jax.random.key(seed), count - 1)
+        batch = jax.tree.map(np.asarray, jax.jit(jax.vmap(partial(draw_values, domain)))(keys))
+    rows = (jax.tree.map(operator.itemgetter(row), tuple(batch)) for row in range(count - 1))
+    return np.stack([_model(domain, each) for each in (domain.nominal, *itertools.starmap(PlantInLoop, rows))])
 
 
 def corner_models(domain: Domain) -> Float[np.ndarray, "corners 15"]:
     """Models of the plants at the ends of the domain's ranges, with the largest torque gains."""
     # A motor that delivers more than its command moves the arm furthest.
-    highest = {name: high for name, _, high in domain.ranges if name in ("gain1", "gain2")}
-    return np.stack([_model(domain, highest, plant) for plant in domain.corners()])
+    gains = {name: domain.high.value(name) for name in domain.names if name in ("gain1", "gain2")}
+    return np.stack([in_loop(vector_of(plant), gains) for plant in domain.corners()])
 
 
-def _model(domain: Domain, values: dict[str, float], plant: Plant | None = None) -> np.ndarray:
+def _model(domain: Domain, drawn: PlantInLoop) -> np.ndarray:
     """A model's vector; loop values that the domain does not have are typical ones."""
-    own = {name: value for name, value in values.items() if name in PLANT_NAMES}
-    return in_loop(vector_of(domain.plant.changed(**own) if plant is None else plant), values)
+    return in_loop(vector_of(drawn.plant), {name: drawn.value(name) for name in domain.names})
 
 
 class Sequences(NamedTuple):
@@ -209,6 +212,8 @@ class Excitation:
     """Largest speed over all checked plants (rad/s)."""
     plants: int
     """Number of checked plants."""
+    prior: str = ""
+    """Name of the domain that they were drawn from."""
 
     @property
     def time(self) -> Float[np.ndarray, "rows"]:
@@ -222,6 +227,7 @@ class Excitation:
             "duration": len(self.torque) * PERIOD,
             "limits": vars(self.limits) | {"torque": list(self.limits.torque)},
             "reached": {"torque": torque, "speed": self.speed, "angle": self.angle},
+            "domain": self.prior,
             "plants": self.plants,
             "feedback": {"kp": self.feedback[0].tolist(), "kd": self.feedback[1].tolist()},
         }
@@ -245,7 +251,8 @@ class Excitation:
 
 
 def excite(
-    domain: Domain,
+    plant: PlantLike | Domain | None = None,
+    domain: Domain | str | None = None,
     duration: float = 10.0,
     joint: str = "both",
     torque: float | None = None,
@@ -257,7 +264,9 @@ def excite(
     """Find an excitation.
 
     Args:
-        domain: ranges of the plant and its loop before it is identified.
+        plant: the robot's approximate parameters: a plant, its name or its file. Without ranges it is taken for
+            another specimen of the robot's design.
+        domain: the loop around the plant; without a plant, ranges of the plant and its loop. None for both: C.1.
         duration: length of the excitation (s), 3 to 60; rounded to 0.05 s.
         joint: ``both``, or the one joint that is driven: ``shoulder`` or ``elbow``.
         torque: largest torque (N m); None for that of the motors.
@@ -267,20 +276,23 @@ def excite(
         alone: whether the torques will be played without feedback; plants that differ then move apart.
     """
     check_seeds(seed, 1)
-    limits, plant = limits_for(domain, joint, torque, speed, angle), domain.nominal_plant
+    prior = resolve(plant, domain)
+    if prior.knows_plant and not (plant is None and domain):
+        prior = prior_around(prior)
+    limits, middle = limits_for(prior, joint, torque, speed, angle), prior.nominal_plant
     length = INTERVAL * round(finite_number("duration", duration, *DURATIONS, "s") / INTERVAL)
-    drawn = draw_models(domain, CHECKED_PLANTS, seed)
+    drawn = draw_models(prior, CHECKED_PLANTS, seed)
     # Steps twice as long change predictions by 1e-4 rad (prediction.py), nothing beside how far the plants differ.
-    setting, models = integration_of(plant).coarse, np.concatenate([drawn, corner_models(domain)])
-    frequency = scales_of(plant).scaled(NATURAL_FREQUENCY, VELOCITY)
+    setting, models = integration_of(middle).coarse, np.concatenate([drawn, corner_models(prior)])
+    frequency = scales_of(middle).scaled(NATURAL_FREQUENCY, VELOCITY)
     motions = multisines(length, frequency, min(limits.angle, np.pi), np.array(JOINTS[joint]))
     candidates = _within_limits(setting, models, motions, limits, alone)
     if not candidates:
         raise SwingupError(
-            f"no motion keeps all plants of {domain.name} within {limits.angle:g} rad and {limits.speed:g} rad/s: "
+            f"no motion keeps all plants of {prior.name} within {limits.angle:g} rad and {limits.speed:g} rad/s: "
             "allow more, narrow the prior, or ask for a shorter excitation"
         )
-    return max(candidates, key=lambda each: information(setting, each.state))
+    return replace(max(candidates, key=lambda each: information(setting, each.state)), prior=prior.name)
 
 
 def limits_for(
@@ -288,8 +300,12 @@ def limits_for(
 ) -> ExcitationLimits:
     """The limits of an excitation, as :func:`excite` takes them: by default those of the plant and its motors."""
     driven, plant = JOINTS[one_of("joint", joint, JOINTS)], domain.nominal_plant
-    motors = [float(plant.tl1), float(plant.tl2)]
-    used = [motor if torque is None else finite_number("torque", torque, 1e-6, motor, "N m") for motor in motors]
+    # The weakest motors of the domain: the file commands a real one.
+    motors = [float(domain.low.plant.tl1), float(domain.low.plant.tl2)]
+    used = [
+        finite_number("torque", torque, 1e-6, motor, "N m") if torque is not None and acts else motor
+        for motor, acts in zip(motors, driven, strict=True)
+    ]
     usual = scales_of(plant).scaled(SPEED, VELOCITY)
     return ExcitationLimits(
         torque=(used[0] * driven[0], used[1] * driven[1]),

@@ -6,7 +6,9 @@ from dataclasses import replace
 from typing import Any
 
 from ..common.errors import SwingupError
-from ..loop.domain import Domain, make_domain
+from ..loop.domain import Domain
+from ..loop.loop import VALUES
+from ..loop.resolve import resolve
 from ..plant.plant import Plant
 from .prediction import INDEX, MINIMUM_LAG, vector_of
 from .unknowns import MASSES
@@ -21,8 +23,12 @@ MINIMUM_FRICTION = 0.02  # coulomb friction may reach this part of gravity's tor
 DELAY, LAG = (0.001, 0.006), (0.001, 0.004)  # s. Source: fits of recordings.
 
 
-def prior_around(plant: Plant) -> Domain:
-    """A domain around a plant's facts: as wide as specimens of one design, and sessions of one robot, differ."""
+def prior_around(facts: Domain) -> Domain:
+    """A domain around a plant's facts: as wide as specimens of one design, and sessions of one robot, differ.
+
+    What the facts say of the loop stays, and so do the limits of the motors.
+    """
+    plant = facts.nominal_plant
     vector = vector_of(plant)
     # Friction's size is not known, but it is small beside gravity's torque.
     torque = plant.g * vector[INDEX["k"]]
@@ -35,12 +41,11 @@ def prior_around(plant: Plant) -> Domain:
         damping = vector[INDEX[f"b{joint}"]]
         ranges[f"b{joint}"] = (min(damping, 0.0), max(3 * damping, 0.002 * torque))
     loop = {"delay": DELAY, "lag": LAG, "offset1": (0.0, 0.0), "offset2": (0.0, 0.0)}
-    found = make_domain(domain_of(plant, ranges | loop, {}) | {"plant": plant}, f"around {plant.name}")
-    # The domain's one torque limit is that of the stronger motor; here each motor keeps its own.
-    low, high = (
-        end._replace(plant=end.plant.changed(tl1=plant.tl1, tl2=plant.tl2)) for end in (found.low, found.high)
-    )
-    return replace(found, low=low, high=high)
+    wide = resolve(domain=domain_of(plant, ranges | loop, {}) | {"plant": plant})
+    low, high = (mine._replace(plant=end.plant) for mine, end in ((facts.low, wide.low), (facts.high, wide.high)))
+    names = (*wide.names, *(name for name in facts.names if name in VALUES))
+    prior = replace(facts, low=low, high=high, plant=plant, name=f"around {facts.name}")
+    return replace(resolve(prior, wide), names=tuple(dict.fromkeys(names)), name=prior.name)
 
 
 def domain_of(plant: Plant, ranges: Mapping[str, Range], others: Mapping[str, Any]) -> dict[str, Any]:
@@ -53,10 +58,10 @@ def domain_of(plant: Plant, ranges: Mapping[str, Range], others: Mapping[str, An
     for narrowing in (1.0, 0.7, 0.5, 0.3, 0.15):
         content = {**_content(plant, ranges, narrowing), **others}
         with contextlib.suppress(SwingupError):
-            make_domain(content)
+            resolve(domain=content)
             return content
     content = {**_content(plant, ranges, 0.0), **others}
-    make_domain(content)
+    resolve(domain=content)
     return content
 
 
@@ -76,7 +81,7 @@ def _content(p: Plant, ranges: Mapping[str, Range], narrowing: float) -> dict[st
     for name, (low, high) in spans.items():
         value = float(getattr(p, name))
         content[name] = [value + narrowing * min(low - value, 0.0), value + narrowing * max(high - value, 0.0)]
-    content["torque_limit"] = float(max(p.tl1, p.tl2))
+    content |= {"tl1": float(p.tl1), "tl2": float(p.tl2)}
     # Measured torques may be later than those that act, which a fit sees as a delay below 0. A loop has none.
     content["delay"] = [max(end, 0.0) for end in ranges["delay"]]
     content["lag"] = [max(end, MINIMUM_LAG) for end in ranges["lag"]]

@@ -13,6 +13,7 @@ from ..common import __version__
 from ..common.arrays import write_json
 from ..common.checks import one_of, whole_number
 from ..common.errors import SwingupError, command_line, one_line, quoted
+from ..loop.resolve import resolve
 from ..plant.files import SHIPPED_PLANTS, is_plant_name, load_plant
 from ..plant.plant import FRICTIONLESS_SUFFIX, LEADERBOARD, Plant, get_robot, make_plant
 from ..tasks.adapters import AbstractAdaptedTask
@@ -166,7 +167,7 @@ def make_run_settings(
     config = config_from_dict(vars(defaults.config) | dict(changes or {}), ("env", "folder", *SETTINGS))
     values: dict[str, Any] = {"seed": 0, "seeds": defaults.seeds, **default_evaluations(env)}
     values |= {name: value for name, value in given.items() if value is not None}
-    values["plant"] = load_plant(values.get("plant", LEADERBOARD))
+    values["plant"] = resolve(values.get("plant", LEADERBOARD)).facts
     return RunSettings(
         robot=robot, env=None if robot else describe_env(env), preset=chosen, config=config, **values
     )

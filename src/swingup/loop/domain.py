@@ -1,27 +1,20 @@
 """Domains: a plant whose values may be ranges, and the loop around it; each episode draws its own values.
 
 A range of one value is a known fact; wider ranges are domain randomisation. A plant's file is a domain as it is.
-The package's domains are files in ``loop/domains``, with the source of every number.
 """
 
 import dataclasses
 import functools
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from importlib import resources
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 
-from ..common.checks import one_of
-from ..common.errors import SwingupError, naming, one_line, quoted
-from ..common.files import has_suffix
-from ..common.yaml_map import read_map
+from ..common.errors import SwingupError
 from ..dynamics.integrate import stable_substeps
-from ..plant.files import PARAMETER_FILES, PLANT_FILES, SHIPPED_PLANTS, base_plant, is_model_file, load_plant
-from ..plant.plant import NAMES, Plant, make_plant, validated
+from ..plant.plant import FRICTIONLESS_SUFFIX, NAMES, Plant, validated
 from .disturbance import Effects
 from .loop import LONGEST_PERIOD, LOOP_DT, PERFECT_LOOP, VALUES, Loop
 
@@ -31,24 +24,8 @@ MOTORS = ("tl1", "tl2")
 TORQUE_LIMIT = "torque_limit"
 """A domain may give one limit for both motors; the loop's ``passive_limit`` replaces it on the passive joint."""
 
-PLANT = tuple(name for name in NAMES if name not in MOTORS)
-"""The other parameters of the plant."""
-
 MASSES = ("m2", "l1", "r2", "I1", "I2", "Ir", "gr")
 """Parameters in the mass matrix, which must be positive definite for all their combinations."""
-
-SESSIONS = ("excitation", "acrobot", "pendubot", "acrobot-pushed", "acrobot-iros", "pendubot-iros")
-"""Sessions of the robot of design C.1, each with its fitted plant and loop: the domains ``session-...``."""
-
-SHIPPED_DOMAINS = (
-    "identified",
-    "randomised",
-    "recorded",
-    "imperfect",
-    "cells",
-    *(f"session-{name}" for name in SESSIONS),
-)
-"""Domains that the package ships."""
 
 
 class PlantInLoop(NamedTuple):
@@ -76,7 +53,7 @@ class Domain:
     design: Plant
     """The plant that controllers are designed for: the middle of the ranges, unless the source names another."""
     name: str = field(default="DOMAIN.yml", compare=False)
-    """The name or the file that ``load_domain`` read. Not compared, so that equal ranges compile once."""
+    """The name or the file that was read. Not compared, so that equal ranges compile once."""
 
     def __post_init__(self) -> None:
         for corner in self.corners():
@@ -147,6 +124,42 @@ class Domain:
         """The plant in the middle of the ranges, with the name of the domain's plant."""
         return dataclasses.replace(self.nominal.plant, name=self.plant.name)
 
+    @property
+    def knows_plant(self) -> bool:
+        """Whether no number of the plant has a range."""
+        return self.low.plant == self.high.plant
+
+    @property
+    def facts(self) -> Plant:
+        """The one plant of a domain without ranges, under the domain's name.
+
+        Raises:
+            SwingupError: the plant has a range.
+        """
+        for name in NAMES:
+            low, high = self.low.value(name), self.high.value(name)
+            if low != high:
+                raise SwingupError(
+                    f"{name} = [{low:g}, {high:g}] is a range, and a plant has facts: give one value, or use the "
+                    "file as a domain"
+                )
+        return dataclasses.replace(self.low.plant, name=self.name)
+
+    def frictionless(self) -> "Domain":
+        """The domain without the plants' friction and rotors, see :meth:`Plant.frictionless`; loops stay."""
+        low, high = (end._replace(plant=end.plant.frictionless()) for end in (self.low, self.high))
+        name = self.name if (low, high) == (self.low, self.high) else f"{self.name}{FRICTIONLESS_SUFFIX}"
+        plant, design = self.plant.frictionless(), self.design.frictionless()
+        return dataclasses.replace(self, low=low, high=high, plant=plant, design=design, name=name)
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """All values by name, as a file that makes the same ranges of plants and loops has them."""
+        names = [*NAMES, *(name for name in self.names if name in VALUES)]
+        ends = {name: (self.low.value(name), self.high.value(name)) for name in names}
+        option = {} if self.low.loop.velocities is None else {"velocities": self.low.loop.velocities}
+        return {name: low if low == high else [low, high] for name, (low, high) in ends.items()} | option
+
     def __str__(self) -> str:
         return f"{self.name} {self.as_dict()}"
 
@@ -162,81 +175,3 @@ class Domain:
 def whole_steps(time: float, period: float = LOOP_DT) -> int:
     """Whole steps of a loop in a time (s); 1e-4 of a step is added, since rounding may lose a whole one."""
     return int(time / period + 1e-4)
-
-
-def make_domain(content: Mapping[str, Any], name: str = "DOMAIN.yml", folder: str | Path = ".") -> Domain:
-    """A domain from values by name: a number, or a range of two.
-
-    The content may have ``plant``, a plant or the name or file (in the folder) of one; without it all values of a
-    plant are needed. It may have ``design``, another plant for which controllers are designed, and ``velocities``.
-    """
-    values = dict(content)
-    velocities = values.pop("velocities", None)
-    named, design = (
-        given if given is None or isinstance(given, Plant) else base_plant(given, folder)
-        for given in (values.pop("plant", None), values.pop("design", None))
-    )
-    ranges = {each: _range(each, value) for each, value in values.items()}
-    given = ranges | (dict.fromkeys(MOTORS, ranges[TORQUE_LIMIT]) if TORQUE_LIMIT in ranges else {})
-    if named is None and not given.keys() >= set(PLANT):
-        raise SwingupError(
-            f"domain {one_line(name)} lacks its plant: add 'plant', one of {', '.join(SHIPPED_PLANTS)}, "
-            f"{PLANT_FILES}, or all values of one"
-        )
-    # A plant without ranges is the middle of ranges of one value.
-    middles = {each: 0.5 * (low + high) for each, (low, high) in given.items()}
-    plant = make_plant(middles, f"domain {name}", name) if named is None else named
-    low, high = (
-        PlantInLoop(
-            plant.changed(**{each: given[each][end] for each in given if each in NAMES}),
-            Loop(**{each: given[each][end] for each in given if each in VALUES}, velocities=velocities),
-        )
-        for end in (0, 1)
-    )
-    # The middle is known once both ends are.
-    made = Domain(low, high, tuple(ranges), plant, plant, name)
-    return dataclasses.replace(made, design=design or made.nominal_plant)
-
-
-def load_domain(source: str | Path) -> Domain:
-    """A domain by its name or a shipped plant's, or from a YAML file of ``name: value`` and ``name: [low, high]``.
-
-    Raises:
-        SwingupError: there is no such domain, the file cannot be read, or its content makes none.
-    """
-    source = str(source)
-    if source in SHIPPED_DOMAINS:
-        with resources.as_file(resources.files(__package__) / "domains" / f"{source}.yml") as path:
-            return make_domain(read_map(path, "domain"), source)
-    if source in SHIPPED_PLANTS or is_model_file(source):
-        return make_domain({"plant": load_plant(source)}, source)
-    if not has_suffix(source, *PARAMETER_FILES):
-        one_of("domain", source, (*SHIPPED_DOMAINS, *SHIPPED_PLANTS), " or a YAML file (.yml)")
-    with naming(f"domain {one_line(source)}"):
-        return make_domain(read_map(source, "domain"), source, Path(source).parent)
-
-
-def _range(name: str, value: Any) -> tuple[float, float]:
-    one_of("name", name, (*NAMES, TORQUE_LIMIT, *VALUES))
-    ends = value if isinstance(value, list | tuple) else [value, value]
-    numbers = [number for number in map(_number, ends) if number is not None]
-    if len(ends) != 2 or len(numbers) != 2:
-        raise SwingupError(f"{name} = {quoted(value)} must be a number, or a range [low, high]")
-    low, high = numbers
-    # Negated, so that NaN is refused as well.
-    if not low <= high:
-        raise SwingupError(f"{name} = [{low:g}, {high:g}] must be a range from low to high")
-    allowed = VALUES.get(name)
-    if allowed is not None and not allowed.minimum <= low <= high <= allowed.maximum:
-        raise SwingupError(
-            f"{name} = [{low:g}, {high:g}] must lie between {allowed.minimum:g} and {allowed.maximum:g}"
-        )
-    return low, high
-
-
-def _number(value: Any) -> float | None:
-    """A number, or a text that is one: YAML's 4e-5 has no point."""
-    try:
-        return None if isinstance(value, bool) else float(value)
-    except (TypeError, ValueError, OverflowError):
-        return None

@@ -96,7 +96,7 @@ class Loop:
     """One of :data:`VELOCITIES`; None for differences where an angle has a quantum, and the drivers elsewhere."""
 
     def __post_init__(self) -> None:
-        """Refuse an unknown source of velocities. Numbers may be traced: ``make_domain`` checks them."""
+        """Refuse an unknown source of velocities. Numbers may be traced: ``resolve`` checks them."""
         if self.velocities is not None:
             one_of("velocities", self.velocities, VELOCITIES)
 

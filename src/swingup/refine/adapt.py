@@ -21,12 +21,13 @@ from ..learner.presets import get_preset
 from ..learner.run import Run, resume_run, start_run
 from ..learner.run_folder import BEST
 from ..learner.run_settings import make_run_settings
-from ..loop.domain import TORQUE_LIMIT, Domain
+from ..loop.domain import Domain
+from ..loop.resolve import resolve
 from ..plant.files import save_plant
-from ..plant.plant import NAMES, PlantLike, Robot, get_robot
+from ..plant.plant import PlantLike, Robot, get_robot
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
 from ..policy.shipped import ADAPTIVE, load_policy
-from .recipe import ADAPT, RECOVER, RefinementReport, domain_around, first_plant, run_recipe, save_refined
+from .recipe import ADAPT, GUESS, RECORDED, RECOVER, RefinementReport, first_plant, run_recipe, save_refined
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -73,7 +74,7 @@ def adapt(
     out: str | Path,
     domain: Domain | str | None = None,
     *,
-    plant: PlantLike | None = None,
+    plant: PlantLike | Domain | None = None,
     policy: PendulumPolicy | None = None,
     frames: int | None = None,
     seed: int = 0,
@@ -118,7 +119,7 @@ def adapt(
     frames = get_preset(PRESET).frames if frames is None else whole_number("frames", frames, 1)
     if policy is not None and policy.network.plant_stage is not None:
         raise SwingupError(f"the policy sees its plant already: leave it out, or use the recipe {RECOVER}")
-    around = domain_around(plant, domain)
+    around = resolve(plant, RECORDED if domain is None else domain, GUESS)
     if plant is not None:
         around = save_domain(out.with_name(f"{out.stem}-adapt.yml"), around, command)
     attempts = _Attempts(robot, out, around, seeds, command, watch)
@@ -197,15 +198,10 @@ def _trained_base(
 
 def save_domain(path: Path, domain: Domain, source: str) -> Domain:
     """Write a domain to a file, and return it with the file's name. A design that differs has a file beside it."""
-    rows: dict[str, Any] = {name: [low, high] for name, low, high in domain.ranges}
-    # With all of the plant's values the file needs no other one.
-    limits = ("tl1", "tl2") if TORQUE_LIMIT in rows else ()
-    rows |= {name: getattr(domain.plant, name) for name in NAMES if name not in (*rows, *limits)}
+    rows = domain.content
     if domain.design != domain.nominal_plant:
         rows["design"] = f"{path.stem}-design.yml"
         save_plant(path.with_name(rows["design"]), domain.design)
-    if domain.low.loop.velocities is not None:
-        rows["velocities"] = domain.low.loop.velocities
     write_map(path, rows, f"Source: {source}, {domain.name}. SI units.")
     return dataclasses.replace(domain, name=str(path))
 

@@ -20,11 +20,9 @@ from ..common import __version__
 from ..common.checks import check_seeds, one_of
 from ..common.errors import SwingupError
 from ..controllers.stack.policy import PolicyController, make_controller, plant_of, policy_alone, policy_of
-from ..loop.domain import Domain, load_domain
-from ..loop.loop import VALUES
-from ..loop.on_plant import drawn_around, loop_around, plant_as_domain
+from ..loop.domain import Domain
+from ..loop.resolve import resolve
 from ..loop.starts import Starts
-from ..plant.files import load_plant
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, Robot
 from ..plant.units import ACCELERATION, arm_scales, scaled, similar_plant
 from ..policy.estimator import default_estimator
@@ -96,6 +94,7 @@ ACCELERATION_NOISE = 10.0
 """The estimator's where the model is the plant found (rad/s²): such a model errs less. Chosen."""
 RECORDED = "recorded"
 """The domain of the robot's plants, where a policy sees its plant and no domain is given."""
+GUESS = 0.1  # share by which masses and inertias of a plant without ranges may be off
 REPORT_EVERY = 10  # gradient steps between reports
 
 
@@ -126,7 +125,7 @@ def run_recipe(
     recipe: str | Sequence[Stage] = RECOVER,
     seed: int = 0,
     *,
-    plant: PlantLike | None = None,
+    plant: PlantLike | Domain | None = None,
     domain: Domain | str | None = None,
     report: Callable[[RefinementReport], Any] = lambda _: None,
     progress: StageProgress = lambda _, __, ___: None,
@@ -162,8 +161,8 @@ def run_recipe(
     if not sees_plant and domain is not None:
         name = domain.name if isinstance(domain, Domain) else domain
         raise SwingupError(f"the domain {name} is for a policy that sees its plant: give a plant alone")
-    around = domain_around(plant if sees_plant else None, domain)
-    found = first_plant(around, robot) if sees_plant else load_plant(LEADERBOARD if plant is None else plant)
+    around = resolve(plant if sees_plant else None, RECORDED if domain is None else domain, GUESS)
+    found = first_plant(around, robot) if sees_plant else resolve(LEADERBOARD if plant is None else plant).facts
     if not sees_plant and plant is None:
         difference = plant_difference(plant_of(controller), found.driven(robot), robot)
         if difference is not None:
@@ -209,21 +208,6 @@ def stages_of(recipe: str, policy: PendulumPolicy) -> tuple[Stage, ...]:
     one_of("recipe", recipe, RECIPES)
     sees_plant = policy.network.plant_stage is not None
     return RECOVER_ON_MANY if recipe == RECOVER and sees_plant else RECIPES[recipe]
-
-
-def domain_around(plant: PlantLike | None, domain: Domain | str | None) -> Domain:
-    """The plants and loops that a policy is adapted to; see :func:`run_recipe`."""
-    around = domain if isinstance(domain, Domain) else load_domain(domain or RECORDED)
-    if plant is None:
-        return around
-    facts = plant_as_domain(plant)
-    if facts.low.plant == facts.high.plant:
-        drawn = drawn_around(facts.nominal_plant)
-        # The plant's file may say something of its loop.
-        low, high = drawn.low._replace(loop=facts.low.loop), drawn.high._replace(loop=facts.high.loop)
-        names = (*drawn.names, *(name for name in facts.names if name in VALUES))
-        facts = dataclasses.replace(drawn, low=low, high=high, names=names, design=facts.design)
-    return loop_around(facts, around)
 
 
 def first_plant(domain: Domain, robot: Robot) -> Plant:

@@ -21,7 +21,7 @@ from ..common.checks import check_seeds, positive_number
 from ..common.errors import SwingupError
 from ..controllers.interface import PythonController
 from ..loop.domain import Domain
-from ..loop.on_plant import NO_LOOP
+from ..loop.resolve import NO_LOOP
 from ..loop.supervisors import Limits
 from ..plant.plant import PlantLike, Robot, get_robot
 from ..policy.pendulum import plant_difference

@@ -29,8 +29,9 @@ from ..common.files import check_suffix, write_atomically
 from ..controllers.registry import get_controller
 from ..controllers.stack.policy import PolicyController, policy_of
 from ..export.javascript import policy_data, policy_script
+from ..loop.domain import Domain
 from ..loop.loop import LOOP_DT
-from ..plant.files import load_plant
+from ..loop.resolve import resolve
 from ..plant.plant import LEADERBOARD, NAMES, Plant, PlantLike, Robot, get_robot
 from ..plant.units import scaled, scales_of
 from ..policy.pendulum import PARTS, PendulumPolicy, policy_plant
@@ -93,7 +94,7 @@ def make_section(
     seed: int = 0,
     progress: StageProgress | None = None,
     entrants: Sequence[str] = SHOWN_CONTROLLERS,
-    plant: PlantLike = LEADERBOARD,
+    plant: PlantLike | Domain | None = None,
     boards: Sequence[AbstractBoard | str] = DEFAULT_BOARDS,
     recompute: bool = False,
 ) -> Section:
@@ -103,14 +104,14 @@ def make_section(
     of a board or a controller's swing-ups; its name begins with the robot's. The plant is what the page shows, and
     the baselines are designed for. ``recompute`` is for rows that the package ships because they take minutes.
     """
-    robot, found = get_robot(robot), load_plant(plant)
+    robot, found = get_robot(robot), LEADERBOARD if plant is None else resolve(plant).facts
     shown = entrants_for(robot, controllers or {}, entrants, plant=found)
 
     def tell(stage: str, done: int, total: int) -> None:
         if progress is not None:
             progress(f"{robot.name}: {one_line(stage)}", done, total)
 
-    tables = leaderboard(robot, controllers, boards, seed, recompute, progress=tell, plant=found)
+    tables = leaderboard(robot, controllers, boards, seed, recompute, progress=tell, plant=plant)
     # The shipped policy that sees its plant, told the page's, without what a page cannot run.
     alone: dict[str, Any] = dict.fromkeys(PARTS)
     live = replace(load_policy(DEFAULT, robot), plant=policy_plant(found, robot), **alone)
