@@ -85,37 +85,39 @@ def test_plots_are_rendered_and_bars_are_the_percentages(page, sections):
 
 def test_curves_are_the_runs_and_follow_the_pointer(page, sections):
     rows, series = sections[0].shows[0].runs["undisturbed"], "swingup.players[0].figures.series"
-    drawn = page.evaluate("""() => {
-        const { range, width, height, plot } = swingup.players[0].figures.series.panels[1];
-        const path = plot.querySelector("g[data-name='q1, undisturbed'] path");
-        const back = ([low, high], share) => low + share * (high - low);
-        return path.getAttribute("d").slice(1).split("L").map((pair) => pair.split(" ").map(Number))
-            .map(([x, y]) => [back(range.x, (x - 58) / width), back(range.y, 1 - (y - 8) / height)]);
-    }""")
-    time, q1 = np.transpose(drawn)
-    # Places are rounded to a tenth of a pixel.
-    np.testing.assert_allclose(time, rows.time, atol=2e-3)
-    np.testing.assert_allclose(q1, rows.x[:, 0], atol=np.ptp(q1) / 500)
+    drawn, expected = page.evaluate(
+        """([time, q1]) => {
+        const panel = swingup.players[0].figures.series.panels[1];
+        const path = panel.plot.querySelector("g[data-name='q1, undisturbed'] path").getAttribute("d");
+        const points = path.slice(1).split("L").map((pair) => pair.split(" ").map(Number));
+        return [points, time.map((t, row) => [panel.toX(t), panel.toY(q1[row])])];
+    }""",
+        [rows.time.tolist(), rows.x[:, 0].tolist()],
+    )
+    np.testing.assert_allclose(drawn, expected, atol=0.1)  # pixels
     svg = page.locator("#acrobot [data-plot=series] .panel-plot").nth(1)
     svg.scroll_into_view_if_needed()
     box = svg.bounding_box()
-    left, width = box["x"] + 58, box["width"] - 72  # without the margins
-    page.mouse.move(left + 0.3 * width, box["y"] + 50)
+
+    def at(time):
+        return box["x"] + page.evaluate(f"{series}.panels[1].toX({time})")
+
+    page.mouse.move(at(3), box["y"] + 50)
     words = page.locator("#acrobot [data-plot=series] .tip div").all_inner_texts()
     shown = dict(word.split(": ") for word in words[:-1])
     assert float(shown["time (s)"]) == pytest.approx(3.0, abs=0.02)
-    at = rows.x[round(100 * float(shown["time (s)"])), 0]
-    assert float(shown["q1, undisturbed"]) == pytest.approx(at, rel=1e-3)
+    q1 = rows.x[round(100 * float(shown["time (s)"])), 0]
+    assert float(shown["q1, undisturbed"]) == pytest.approx(q1, rel=1e-3)
     # A click moves the time, a drag zooms all panels, and a double click shows the whole.
-    page.mouse.click(left + 0.3 * width, box["y"] + 50)
+    page.mouse.click(at(3), box["y"] + 50)
     assert page.evaluate("swingup.players[0].time") == pytest.approx(3.0, abs=0.02)
-    page.mouse.move(left + 0.2 * width, box["y"] + 70)
+    page.mouse.move(at(2), box["y"] + 70)
     page.mouse.down()
-    page.mouse.move(left + 0.4 * width, box["y"] + 70, steps=3)
+    page.mouse.move(at(4), box["y"] + 70, steps=3)
     page.mouse.up()
     ranges = page.evaluate(f"{series}.panels.map(({{ range }}) => range.x)")
     np.testing.assert_allclose(ranges, 4 * [[2, 4]], atol=0.02)
-    page.mouse.dblclick(left + 0.5 * width, box["y"] + 70)
+    page.mouse.dblclick(at(3), box["y"] + 70)
     np.testing.assert_allclose(page.evaluate(f"{series}.panels[0].range.x"), [0, 10], atol=0.02)
 
 
@@ -245,12 +247,9 @@ def test_foreign_names_run_no_code(chromium, tmp_path):
     page = open_page(chromium, file.as_uri())
     for index in range(len(EVIL)):
         page.evaluate(f"document.querySelectorAll('.choice input')[{index}].click()")
-    plot = page.locator("[data-plot=robustness] .panel-plot")
-    plot.scroll_into_view_if_needed()
-    box = plot.bounding_box()
     tip, tips = page.locator("[data-plot=robustness] .tip div"), set()
-    for x in range(70, 270, 8):  # the bars of the first criterion
-        page.mouse.move(box["x"] + x, box["y"] + 0.6 * box["height"])
+    for bars in page.locator("[data-plot=robustness] g[data-name]").all():
+        bars.locator("rect").first.hover(force=True)
         page.wait_for_timeout(20)
         tips.update(text.rsplit(": ", 1)[0] for text in tip.all_inner_texts())
     assert len(tips & {one_line(name) for name in EVIL}) >= 3  # as text, where names of ours stand alone

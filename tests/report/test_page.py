@@ -10,7 +10,7 @@ from swingup.benchmark.rollout import Trajectory
 from swingup.common.errors import one_line
 from swingup.controllers.registry import get_controller
 from swingup.plant.plant import LEADERBOARD, ROBOTS
-from swingup.report import make
+from swingup.report import page
 from swingup.report.page import Section, Show, render_page
 
 from .pages import EVIL, NASTY, make_board, make_evil_section, parts_of
@@ -80,9 +80,9 @@ def test_sections_judge_everybody_with_one_disturbance(monkeypatch):
         asked.append((robot.name, list(controllers), seed))
         return [make_board(robot, "performance")]
 
-    monkeypatch.setattr(make, "leaderboard", leaderboard)
+    monkeypatch.setattr(page, "leaderboard", leaderboard)
     mine = {"mine": policy, "none": "no controller"}
-    sections = [make.make_section(robot, mine, seed=3, entrants=("ar-eapo",)) for robot in ("acrobot", "pendubot")]
+    sections = [page.make_section(robot, mine, seed=3, entrants=("ar-eapo",)) for robot in ("acrobot", "pendubot")]
     html = render_page(sections)
     assert asked == [(name, ["mine", "none"], 3) for name in ("acrobot", "pendubot")]
     first, second = parts_of(html)[1]["sections"]
