@@ -20,7 +20,7 @@ from swingup.areapo.config import Config
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
 from swingup.learner.run import resume_run, start_run
-from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings
+from swingup.learner.run_settings import make_run_settings
 from swingup.plant.plant import ROBOTS
 from swingup.tasks.pendulum import AbstractPendulumTask
 from swingup.tasks.presets import smooth_task
@@ -81,9 +81,8 @@ def train(name: str, seed: int, frames: int, folder: Path) -> list[tuple[int, fl
     if (folder / "config.json").exists():
         run = resume_run(folder, env=task)
     else:
-        every = PENDULUM_INTERVALS["evaluate_every"], PENDULUM_INTERVALS["checkpoint_every"]
-        settings = RunSettings("acrobot", "default", seed, 1, *every, config)
-        run = start_run(settings, folder, frames, task)
+        settings = make_run_settings("acrobot", "default", vars(config), seed=seed)
+        run = start_run(dataclasses.replace(settings, problem=settings.problem.on(task)), folder, frames)
     for report in run.advance():
         print(f"{name} seed {seed}: {report.frames:,} frames, best score {report.best_score:.3f}", flush=True)
     return [

@@ -75,9 +75,9 @@ def train(task: str, seed: int, frames: int, change: Change) -> tuple[list[tuple
     start = time.perf_counter()
 
     def note(_: AREAPO, report: TrainingReport) -> None:
-        row = report.rows[0]
-        seconds, resets = time.perf_counter() - start, 1000 * row["termination_rate"]
-        points.append((report.frames, round(row["reward"] - offset, 4), round(seconds, 1), round(resets, 2)))
+        row = report.best
+        seconds, resets = time.perf_counter() - start, row.resets_per_1000_steps
+        points.append((report.frames, round(row.reward - offset, 4), round(seconds, 1), round(resets, 2)))
         if report.frames % (10 * EVERY) == 0:
             rate = np.mean([point[1] for point in points[-10:]])
             print(

@@ -57,7 +57,7 @@ def trained_areapo(task: str, seed: int, frames: int, preset: str, **settings: A
     start = time.perf_counter()
 
     def note(model: AREAPO, report: TrainingReport) -> None:
-        row, seconds = report.rows[0], time.perf_counter() - start
+        row, seconds = report.best.as_dict(), time.perf_counter() - start
         points.append((report.frames, row["score"], seconds, row["reward_rate"], row["resets_per_1000_steps"]))
 
     every = frames // POINTS

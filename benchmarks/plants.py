@@ -25,7 +25,7 @@ from swingup.dynamics.dynamics import UPRIGHT, linearise
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
 from swingup.learner.run import resume_run, start_run
-from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings
+from swingup.learner.run_settings import make_run_settings
 from swingup.plant.files import load_plant
 from swingup.plant.plant import ROBOTS, Plant, get_robot, torque_over_gravity
 from swingup.plant.units import REFERENCE, scales_of
@@ -44,9 +44,7 @@ def train(preset: str, plant: str, robot: str, seed: int, frames: int, folder: P
     if (folder / "config.json").exists():
         run = resume_run(folder, frames)
     else:
-        every = PENDULUM_INTERVALS["evaluate_every"], PENDULUM_INTERVALS["checkpoint_every"]
-        settings = RunSettings(robot, preset, seed, 1, *every, get_preset(preset).config, plant=ideal)
-        run = start_run(settings, folder, frames)
+        run = start_run(make_run_settings(robot, preset, plant=ideal, seed=seed, seeds=1), folder, frames)
     for _ in run.advance():
         pass
     run.close()

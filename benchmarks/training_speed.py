@@ -19,7 +19,9 @@ import jax.numpy as jnp
 from swingup.areapo.config import Config
 from swingup.learner.presets import get_preset
 from swingup.learner.run import start_run
-from swingup.learner.run_settings import RunSettings
+from swingup.learner.run_settings import make_run_settings
+from swingup.plant.plant import get_robot
+from swingup.tasks.presets import get_task
 
 
 def flops_per_frame(config: Config, observation_size: int) -> float:
@@ -59,7 +61,7 @@ def main(robot: str, frames: int) -> None:
     """Time one run and print frames/s, the floor, their ratio, and the peak memory."""
     preset = get_preset("paper")
     config = preset.config
-    settings = RunSettings(robot, "paper", 0, 1, 65_536, 1_048_576, config)
+    settings = make_run_settings(robot, "paper")
     speed = matmul_speed(config)
     with tempfile.TemporaryDirectory() as folder:
         start = time.perf_counter()
@@ -70,7 +72,7 @@ def main(robot: str, frames: int) -> None:
     (first_time, first_frames), (last_time, last_frames) = marks[0], marks[-1]
     steady = (last_frames - first_frames) / (last_time - first_time)
     speed = max(speed, matmul_speed(config))
-    floor = speed / flops_per_frame(config, settings.task().observation_size)
+    floor = speed / flops_per_frame(config, get_task(preset.task, get_robot(robot)).observation_size)
     print(f"matrix products       {speed / 1e9:8.0f} GFLOP/s")
     print(f"floor                 {floor:8.0f} frames/s if nothing else took time")
     print(f"after compilation     {steady:8.0f} frames/s, {steady / floor:.2f} of the floor")

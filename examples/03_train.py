@@ -8,22 +8,14 @@ import sys
 import tempfile
 from pathlib import Path
 
-from swingup.areapo.config import Config
 from swingup.learner.run import Run, resume_run, start_run
-from swingup.learner.run_settings import RunSettings
+from swingup.learner.run_settings import make_run_settings
 
 
 def main(folder: Path, frames: int) -> None:
     """Train for half of the frames, then resume from the checkpoint for the rest."""
-    settings = RunSettings(
-        robot="pendubot",
-        preset="default",
-        seed=0,
-        seeds=1,
-        evaluate_every=16_384,
-        checkpoint_every=65_536,
-        config=Config(centre_values=True, policy_layers=(64, 64), value_layers=(64, 64)),
-    )
+    narrow = {"centre_values": True, "policy_layers": (64, 64), "value_layers": (64, 64)}
+    settings = make_run_settings("pendubot", "default", narrow, evaluate_every=16_384, checkpoint_every=65_536)
     show(start_run(settings, folder, frames // 2))
     show(resume_run(folder, frames))
 
@@ -31,8 +23,7 @@ def main(folder: Path, frames: int) -> None:
 def show(run: Run) -> None:
     """Advance a run to its end and print a line for each report."""
     for report in run.advance():
-        row = report.rows[0]
-        print(f"{report.frames:7,} frames: reward {row['reward']:.3f}, score {row['score']:.3f}")
+        print(f"{report.frames:7,} frames: reward {report.best.reward:.3f}, score {report.score:.3f}")
 
 
 if __name__ == "__main__":

@@ -37,8 +37,7 @@ def main(frames: int) -> None:
     model = AREAPO(Tank, learning_rate=1e-3, evaluate_every=4096)
 
     def show(_: AREAPO, report: TrainingReport) -> None:
-        row = report.rows[0]
-        print(f"{row['frames']:6,} frames: gain {row['gain']:.3f}, mean return {row['score']:.1f}")
+        print(f"{report.frames:6,} frames: gain {report.best.gain:.3f}, mean return {report.score:.1f}")
 
     model.learn(frames, show)
     for level in (1.0, 2.0, 3.0):

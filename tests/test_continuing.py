@@ -105,7 +105,7 @@ def test_the_learner_counts_the_resets_and_the_command_shows_them(tmp_path, caps
     model.learn(600, lambda _, report: reports.append(report))
     assert model.settings.checkpoint_every == 1_000_000
     assert [report.frames for report in reports] == [400, 600]
-    row = reports[-1].rows[0]
+    row = reports[-1].best.as_dict()
     assert row["termination_rate"] > 0.005  # a hopper that has learnt nothing falls every 20 to 60 steps
     assert row["score"] == row["reward_rate"]
     assert (row["mean_length"], row["resets_per_1000_steps"] > 0) == (200, True)

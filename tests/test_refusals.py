@@ -27,6 +27,7 @@ from swingup.controllers.stack.policy import Policy, policy_of
 from swingup.export.c_header import c_header
 from swingup.gym import PendulumEnv, PendulumVectorEnv
 from swingup.identification.excitation import excite
+from swingup.learner.problem import make_problem, problem_from_record
 from swingup.learner.run_settings import RunSettings
 from swingup.loop.resolve import resolve
 from swingup.plant.plant import ROBOTS
@@ -67,7 +68,7 @@ def plot(kind, files, out):
 
 
 LEARNER = {"env": Noisy} | TINY
-SETTINGS = {"robot": "acrobot", "preset": "default", "seed": 0, "seeds": 1, "evaluate_every": 64}
+SETTINGS = {"problem": make_problem("acrobot"), "preset": "default", "seed": 0, "seeds": 1, "evaluate_every": 64}
 ENTRIES = {
     usually(AREAPO, **LEARNER): {
         "preset": ["best"], "learning_rat": [0.1], "sed": [1], "batch_size": [1000], "seed": [-1, "3"],
@@ -77,7 +78,7 @@ ENTRIES = {
         "gain": ["none", "trace"], "terminations": ["end"], "activation": ["Tanh"], "schedule": ["cosine"],
     },
     usually(RunSettings, **SETTINGS, checkpoint_every=64, config=Config()): {
-        "robot": ["cartpole", ["acrobot"]], "preset": ["best"], "seeds": [0], "seed": [-1], "evaluate_every": [0],
+        "preset": ["best"], "seeds": [0], "seed": [-1], "evaluate_every": [0],
     },
     usually(animate, motions=[(STILL, "acrobot")], path="film.gif"): {
         "fps": [0, 60, math.nan, "fast\n"], "size": [8, 100_000], "speed": [0.0, -1.0, math.inf, 1e-5, 1e-320],
@@ -134,12 +135,15 @@ ENTRIES = {
 """By entry and argument."""
 
 
-ON_PLANT = {"robot": None, "env": "Swimmer-v5", "preset": "mujoco", "plant": load_plant("B.0")}
 ACROBOT, PENDUBOTS = ROBOTS["acrobot"], get_task("paper", ROBOTS["pendubot"])
 ADAPTIVE, LONE = load_policy("adaptive", "acrobot"), lone_policy("ar-eapo", "acrobot")[0]
 TOGETHER = {
-    "a plant goes with a robot, not with Swimmer-v5": lambda: RunSettings(
-        **(SETTINGS | ON_PLANT), checkpoint_every=64, config=Config()
+    "a plant goes with a robot, not with Swimmer-v5": lambda: make_problem("Swimmer-v5", "B.0"),
+    "robot = None and env = None": lambda: problem_from_record({"robot": None, "env": None}),
+    "['acrobot'] is not a robot": lambda: problem_from_record({"robot": ["acrobot"], "env": None}),
+    "'cartpole': use one of acrobot, pendubot": lambda: problem_from_record({"robot": "cartpole", "env": None}),
+    "evaluation_episodes = 7, but a robot is scored by one": lambda: RunSettings(
+        **SETTINGS, checkpoint_every=64, config=Config(), evaluation_episodes=7
     ),
     "unknown robot 'cartpole'": lambda: animate([(STILL, "cartpole")], "film.gif"),
     "the trajectory holds values that are not finite": lambda: animate([(HOLE, "acrobot")], "film.gif"),

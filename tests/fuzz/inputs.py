@@ -10,8 +10,7 @@ import numpy as np
 from scipy.io import savemat
 
 from swingup.benchmark.robustness_board import CRITERIA
-from swingup.learner.presets import get_preset
-from swingup.learner.run_settings import RunSettings
+from swingup.learner.run_settings import make_run_settings
 from swingup.plant.files import load_plant, model_text
 
 from .mutations import EXTREMES, LINES, damage, mutate, several, spoilt_arrays
@@ -223,7 +222,7 @@ ROBUSTNESS = {
     "robot": "acrobot", "controller": "x", "board": "robustness", "seed": 0, "seeds": [0, 1], "score": 0.5,
     "intervals": {"velocity_noise": [1, 2], "score": [0.1, 0.2]}, "details": [], **dict.fromkeys(CRITERIA, 50.0),
 }  # fmt: skip
-SETTINGS = RunSettings("acrobot", "default", 0, 1, 65_536, 65_536, get_preset("default").config)
+SETTINGS = make_run_settings("acrobot", "default", checkpoint_every=65_536)
 CONFIG = {"version": "0.1.0", "frames": 10_000, **SETTINGS.as_dict()}
 SHAPES = """<mujoco><compiler eulerseq="zyx"/><option><flag contact="disable"/></option>
 <default><default class="a"><geom type="box" size=".02 .03 .1" density="800"/><joint axis="0 0 1" damping=".1"/>

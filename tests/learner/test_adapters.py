@@ -271,7 +271,7 @@ def test_a_terminating_environment_of_the_package():
 def test_an_environment_trains_saves_and_goes_on(tmp_path):
     env = Hall(max_steps=5)
     model = AREAPO(env, seed=3, **TINY).learn(64)
-    assert model.settings.env == "<learner.corridors.Hall>"
+    assert model.settings.problem.name == "<learner.corridors.Hall>"
     # In the environment's shapes and bounds, [-1, 3].
     observations = np.random.default_rng(0).normal(size=(7, 1, 2))
     actions = model.predict(observations)

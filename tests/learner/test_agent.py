@@ -144,8 +144,8 @@ def test_seeds_train_as_each_does_alone(tmp_path):
     model = AREAPO(Noisy, seed=3, seeds=2, folder=tmp_path / "run", **TINY)
     reports = []
     model.learn(192, lambda _, report: reports.append(report))
-    assert [row["seed"] for report in reports for row in report.rows] == [3, 4] * 3
-    last, best = ([row[name] for row in reports[-1].rows] for name in ("score", "best_score"))
+    assert [row.seed for report in reports for row in report.rows] == [3, 4] * 3
+    last, best = ([getattr(row, name) for row in reports[-1].rows] for name in ("score", "best_score"))
     assert (reports[-1].score, reports[-1].best_score) == (max(last), max(best))
     alone = AREAPO(Noisy, seed=4, **TINY).learn(192)
     assert eqx.tree_equal(model._run.policies()[1].actor, alone._run.policies()[0].actor)
@@ -207,7 +207,7 @@ def test_a_list_of_functions_is_a_vector_environment_and_an_instance_is_one():
     given = {name: value for name, value in TINY.items() if name != "num_envs"}
     assert AREAPO([Stairs] * 4, **given).config.num_envs == 4
     model = AREAPO(Stairs(), **(given | {"batch_size": 16}))
-    assert (model.config.num_envs, model.settings.env) == (1, "<learner.environments.Stairs>")
+    assert (model.config.num_envs, model.settings.problem.name) == (1, "<learner.environments.Stairs>")
     # Each plays one episode of 1 + 2 + 3.
     assert model.evaluate(env=Stairs())["score"] == model.evaluate(env=[Stairs] * 2)["score"] == 6.0
 
@@ -221,8 +221,8 @@ def test_a_task_in_jax_is_compiled():
 
 
 def test_a_robot_by_name():
-    model = AREAPO("pendubot", **TINY)
-    assert (model.settings.preset, model.settings.robot) == ("default", "pendubot")
+    model = AREAPO("pendubot", **{**TINY, "evaluation_episodes": 1})
+    assert (model.settings.preset, model.settings.problem.name) == ("default", "pendubot")
     assert model.predict(np.zeros(4)).shape == (1,)
     assert 0.0 <= model.evaluate()["score"] < 0.1
 
@@ -238,7 +238,7 @@ def test_an_evaluation_means_the_same_on_both_back_ends():
 
 def test_a_pendulum_task_takes_the_preset_that_is_named():
     model = AREAPO(smooth_task(ROBOTS["acrobot"]), "small", **TINY)
-    assert (model.settings.preset, model.settings.robot) == ("small", None)
+    assert (model.settings.preset, model.settings.problem.record["robot"]) == ("small", None)
     assert model.config.learning_rate == 1e-3
 
 
@@ -248,7 +248,7 @@ def test_the_family_trains_on_a_gymnasium_id(preset):
     model = AREAPO("CartPole-v1", preset, **TINY)
     # The pendulum's, and a size for this task.
     assert model.config.learning_rate == (5e-4 if preset == "paper" else 3e-4)
-    model.learn(64, lambda _, report: row.extend(report.rows))
+    model.learn(64, lambda _, report: row.extend(each.as_dict() for each in report.rows))
     assert row[0]["gradient_norm"] > 0.0
     # Without average reward there is no gain; without temperature no entropy reward.
     assert (row[0]["gain"] != 0.0) == (row[0]["entropy_gain"] != 0.0) == (preset != "ppo")

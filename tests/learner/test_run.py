@@ -18,9 +18,10 @@ from swingup.controllers.stack.policy import save_controller
 from swingup.learner import compiled_backend
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
+from swingup.learner.problem import make_problem
 from swingup.learner.run import Run, resume_run, start_run
 from swingup.learner.run_folder import RunFolder
-from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings, run_settings_from_dict, write_run_settings
+from swingup.learner.run_settings import RunSettings, make_run_settings, run_settings_from_dict, write_run_settings
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD
 
@@ -34,7 +35,7 @@ CONFIG = dataclasses.replace(
 """That of the commands' tests, too, which so find their programs compiled."""
 FRAMES = 64
 """Frames of one iteration."""
-SETTINGS = RunSettings("acrobot", "default", 0, 1, 2 * FRAMES, 4 * FRAMES, CONFIG)
+SETTINGS = RunSettings(make_problem("acrobot"), "default", 0, 1, 2 * FRAMES, 4 * FRAMES, CONFIG)
 
 
 @contextlib.contextmanager
@@ -82,7 +83,7 @@ def assert_same_runs(one, other):
 
 def resumed_after(at, folder, frames, settings=SETTINGS, env=None):
     """A run that was killed when it reported so many frames, and resumed."""
-    for report in start_run(settings, folder, frames, env).advance():
+    for report in start_run(settings, folder, frames).advance():
         if report.frames == at:
             break
     return resume_run(folder, env=env)
@@ -179,16 +180,14 @@ def test_no_more_is_lost_than_was_said(tmp_path, every):
 
 
 def test_the_command_makes_the_same_settings():
-    usual = dataclasses.replace(SETTINGS, config=get_preset("default").config, **PENDULUM_INTERVALS)
+    usual = make_run_settings("acrobot")
     assert usual.command(64) == "swingup train acrobot --preset=default --frames=64 --seed=0"
-    changed = dataclasses.replace(usual, robot=None, env="a.b:C-v0", preset="mujoco", evaluation_episodes=2)
-    changed = dataclasses.replace(changed, evaluate_every=64, config=get_preset("mujoco").config)
-    intervals = "--evaluate-every=64 --checkpoint-every=1048576 --evaluation-episodes=2"
+    changed = {"seed": 0, "evaluate_every": 64}
+    by_id = make_run_settings("a.b:C-v0", evaluation_episodes=2, **changed).command(64)
     start = "swingup train --env=a.b:C-v0 --preset=mujoco --frames=64 --seed=0"
-    assert changed.command(64) == f"{start} {intervals}"
-    passed_in = dataclasses.replace(changed, env="<a.C>", checkpoint_every=262_144, evaluation_episodes=5)
-    call = "swingup.AREAPO(env, preset='mujoco', seed=0, evaluate_every=64).learn(64)  # env: <a.C>"
-    assert passed_in.command(64) == call
+    assert by_id == f"{start} --evaluate-every=64 --evaluation-episodes=2"
+    call = "swingup.AREAPO(env, preset='mujoco', seed=0, evaluate_every=64).learn(64)"
+    assert make_run_settings(Noisy, **changed).command(64) == f"{call}  # env: <learner.environments.Noisy>"
 
 
 @pytest.mark.slow
@@ -285,15 +284,15 @@ def test_a_damaged_checkpoint_is_named_and_nothing_changes(tmp_path):
 
 def test_settings_keep_their_plant():
     plant = load_plant("B.0").frictionless()
-    settings = dataclasses.replace(SETTINGS, plant=plant)
+    settings = make_run_settings("acrobot", plant=plant)
     again = run_settings_from_dict(json.loads(json.dumps(settings.as_dict())))
     assert again == settings
-    assert again.plant.name == "B.0, frictionless"
+    assert again.problem.plant.name == "B.0, frictionless"
     assert "--plant=B.0 --frictionless" in again.command(64)
-    task = again.task()
+    task = again.problem.preset_task("default")
     assert task.parameters == plant.driven("acrobot")
     assert task.dt == pytest.approx(0.01 * 1.08687, abs=1e-7)
-    assert run_settings_from_dict(SETTINGS.as_dict()).plant == LEADERBOARD
+    assert run_settings_from_dict(SETTINGS.as_dict()).problem.plant == LEADERBOARD
 
 
 SMALLER = Config(
@@ -317,8 +316,8 @@ OPTIONS = {
 def test_options_of_networks_rewards_and_schedules_resume(tmp_path, option, env):
     """Environments that the host steps start anew at each checkpoint, also where nobody stopped."""
     config = dataclasses.replace(SMALLER, **OPTIONS[option])
-    settings = RunSettings(None, "mujoco", 3, 1, 64, 128, config, "<passed in>", 2)
-    list(start_run(settings, tmp_path / "whole", 8 * FEW, env).advance())
+    settings = RunSettings(make_problem(env), "mujoco", 3, 1, 64, 128, config, 2)
+    list(start_run(settings, tmp_path / "whole", 8 * FEW).advance())
     run = resumed_after(6 * FEW, tmp_path / "part", 8 * FEW, settings, env)  # past the checkpoint at 4
     assert run.frames == 4 * FEW
     list(run.advance())

@@ -15,7 +15,7 @@ from ..loop.domain import Domain
 from ..loop.resolve import resolve
 from ..plant.files import PLANT_FILES, SHIPPED_PLANTS, is_model_file
 from ..plant.model_file import read_model
-from ..plant.plant import Plant, Robot, get_robot
+from ..plant.plant import ROBOTS, Plant, Robot, get_robot
 
 
 def optional(text: str, metavar: str | None = None) -> Any:
@@ -98,6 +98,8 @@ def check_outputs(formats: Sequence[str], *paths: str | None) -> None:
 
 def task_name(robot: Robot | None, env: str | None) -> str:
     """The robot's name or the Gymnasium id, of which one is given."""
-    if (robot is None) == (env is None):
-        raise SwingupError(f"robot = {robot and robot.name!r} and env = {env!r}: give one of the two")
+    if robot is None and env is None:
+        raise SwingupError(f"name a robot ({', '.join(ROBOTS)}) or give --env ID")
+    if robot is not None and env is not None:
+        raise SwingupError(f"{robot.name} and --env {env}: give one of the two")
     return robot.name if robot else str(env)

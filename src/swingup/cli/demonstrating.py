@@ -54,8 +54,7 @@ def demo_command(
         """The paper's score, and the time at which the run passed it; the first report's policy is kept."""
         nonlocal passed
         if not (folder / FIRST).exists():
-            result = {"score": report.rows[0]["score"], "frames": report.frames}
-            run.save_policy(folder / FIRST, 0, run.policies()[0], result)
+            run.save_policy(folder / FIRST, 0, run.policies()[0], report.rows[0].evaluation)
         if passed is None and (report.best_score or 0.0) >= paper:
             passed = time.monotonic() - start
         return f"paper's {paper:.3f}" + ("" if passed is None else f" at {passed:.0f} s")

@@ -11,6 +11,7 @@ from tyro.conf import UseAppendAction, arg
 from ..common.arrays import finite, write_json
 from ..common.checks import is_number, whole_number
 from ..common.errors import SwingupError, quoted
+from ..common.files import file_name
 from ..learner.metrics import RESETS, REWARD_RATE, shown_rate
 from ..learner.run_folder import RunFolder
 from ..learner.run_settings import make_run_settings
@@ -67,8 +68,7 @@ def sweep_command(
     given: dict[str, Any] = {"plant": facts_of(plant), **run}
     task = task_name(robot, given.pop("env", None))
     base = make_run_settings(task, **given)
-    # Ids of Gymnasium environments may contain slashes.
-    name = f"{task.replace('/', '-')}-{base.preset}"
+    name = f"{file_name(task)}-{base.preset}"
     texts = _alternatives([word for words in set for word in words])
     if trials is not None:
         with Progress() as progress, executor_for(scheduler, workers) as pool:

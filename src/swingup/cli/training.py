@@ -1,7 +1,6 @@
 """The command ``train``: from its options to a run before the user's eyes, and the score of the best policy."""
 
 import contextlib
-import math
 import shlex
 import signal
 from collections.abc import Callable, Iterator, Mapping
@@ -20,13 +19,21 @@ from ..controllers.registry import get_controller
 from ..learner.compiled_backend import share_cores
 from ..learner.metrics import METRICS_FILE, REWARD_RATE, describe_rates, read_metrics, shown_rate, training_resets
 from ..learner.presets import PENDULUM_PRESET, PRESETS, get_preset
+from ..learner.problem import INTERVALS, RobotProblem
 from ..learner.progress import TrainingReport
 from ..learner.run import Run, resume_run, start_run
 from ..learner.run_folder import BEST, LAST, result_on_disk
-from ..learner.run_settings import is_continuing, make_run_settings, read_run_settings
+from ..learner.run_settings import make_run_settings, read_run_settings
 from .arguments import NO_OPTIONS, PlantOptions, RobotName, facts_of, optional, task_name, value_of
 from .output import Progress, program_typed, tell, tell_table
 from .results import judged_name, plant_note, result_lines
+
+
+def _defaults_by_task(name: str) -> str:
+    """The default of an interval, as ``default 5; robot 1``."""
+    usual, *others = ((task, getattr(each, name)) for task, each in INTERVALS.items())
+    differing = [f"{task} {value}" for task, value in others if value != usual[1]]
+    return "; ".join([f"default {usual[1]}", *differing])
 
 
 class RunOptions(TypedDict, total=False):
@@ -34,13 +41,15 @@ class RunOptions(TypedDict, total=False):
 
     env: Annotated[str, optional("Gymnasium id of another task, as Swimmer-v5 or your.module:Task-v0.")]
     preset: Annotated[str, optional(f"named settings: {', '.join(PRESETS)}; default: those of the task.", "NAME")]
-    evaluate_every: Annotated[int, optional("frames between evaluations and metrics; default 65536.")]
-    checkpoint_every: Annotated[int, optional("frames between checkpoints; default 1048576, or 262144 with --env.")]
+    evaluate_every: Annotated[int, optional(f"frames between evaluations; {_defaults_by_task('evaluate_every')}.")]
+    checkpoint_every: Annotated[
+        int, optional(f"frames between checkpoints; {_defaults_by_task('checkpoint_every')}.")
+    ]
     evaluation_episodes: Annotated[
         int,
         optional(
-            "episodes of an evaluation with --env; default 5, or 1 with a continuing task. "
-            "0: training gives the score."
+            f"episodes of an evaluation; {_defaults_by_task('evaluation_episodes')}. "
+            "0: training episodes give the score."
         ),
     ]
 
@@ -98,7 +107,8 @@ def train_command(
         frames: frames to train each seed for; default: the preset's.
         seed: the first seed; default 0.
         seeds: how many seeds to train side by side; default: the preset's, 1 or for fast 2.
-        out: folder of the run, new or empty; default runs/ROBOT-PRESET-SEED, or the id's name for the robot's.
+        out: folder of the run, new or empty; default runs/NAME-PRESET-SEED, where NAME is the robot or the
+            environment's id.
         resume: folder of a run to continue from its last checkpoint, bit for bit.
         run: what is trained, and how often it is evaluated.
         plant: the pendulum to train on, in whose units the task is.
@@ -121,11 +131,9 @@ def start_training(
 ) -> Run:
     """A new run of changed hyperparameters and given settings, with the defaults for what is None or left out."""
     settings = make_run_settings(env, changes=changes, **given)
-    # Ids of Gymnasium may contain signs that a folder's name cannot.
-    name = settings.name.replace("/", "-").replace(":", "-")
-    folder = out or f"runs/{name}-{settings.preset}-{settings.seed}"
     share_cores(settings.seeds)
-    return start_run(settings, folder, get_preset(settings.preset).frames if frames is None else frames)
+    length = get_preset(settings.preset).frames if frames is None else frames
+    return start_run(settings, out or f"runs/{settings.folder_name}", length)
 
 
 def train_shown(run: Run, note: Callable[[TrainingReport], str] = lambda report: "") -> int:
@@ -134,9 +142,10 @@ def train_shown(run: Run, note: Callable[[TrainingReport], str] = lambda report:
     The exit status is 0, or that of the signal that stopped the run; then it is saved.
     """
     settings = run.settings
-    on = settings.preset + ("" if settings.robot is None else plant_note(settings.plant, settings.robot))
+    plant = settings.problem.record.get("plant")
+    on = settings.preset + ("" if plant is None else plant_note(plant, settings.problem.name))
     with Progress() as progress:
-        progress.log(f"training {settings.name} ({on}) to {run.goal:,} frames in {run.folder}")
+        progress.log(f"training {settings.problem.name} ({on}) to {run.goal:,} frames in {run.folder}")
         progress.log("compiling")
         run.compile()  # first, so that the estimate of the time left does not contain it
         progress("frames", run.frames, run.goal)
@@ -155,20 +164,15 @@ def train_shown(run: Run, note: Callable[[TrainingReport], str] = lambda report:
 def figures(report: TrainingReport, note: str) -> str:
     """What a report says, the most wanted first, since a narrow terminal cuts the end.
 
-    Scores, rewards and resets are means over the seeds; resets are those per 1,000 steps, where there were some.
+    Score, reward and resets are those of the seed that is best now, resets per 1,000 steps where there were some.
     """
-
-    def mean(name: str) -> float:
-        values = [math.nan if row[name] is None else row[name] for row in report.rows]
-        return sum(values) / len(values)
-
-    resets = [number for row in report.rows if (number := training_resets(row)) is not None]
+    row = report.best
     parts = [
         "" if report.best_score is None else f"best {report.best_score:.3f}",
         note,
-        f"score {mean('score'):.3f}",
-        f"reward {mean('reward'):.3f}",
-        f"resets {sum(resets) / len(resets):.3g}/1k" if any(resets) else "",
+        "score –" if row.score is None else f"score {row.score:.3f}",
+        f"reward {row.reward:.3f}",
+        f"resets {row.resets_per_1000_steps:.3g}/1k" if row.resets_per_1000_steps else "",
         f"{report.frames_per_second / 1000:.3g}k/s",
     ]
     return "  ".join(filter(None, parts))
@@ -197,11 +201,11 @@ def _stopped_by_signals(run: Run) -> Iterator[list[int]]:
 def _resume(folder: Path, frames: int | None, given: dict[str, Any]) -> Run:
     """Continue a run, unless an option contradicts its settings."""
     saved, _ = read_run_settings(folder)
-    known = vars(saved) | vars(saved.config)
+    known = vars(saved) | vars(saved.config) | saved.problem.record
     for name, value in given.items():
-        if value not in (None, known[name]):
+        if value not in (None, known.get(name)):
             raise SwingupError(
-                f"{folder} was trained with {name} = {known[name]}, not {value}: resume it without "
+                f"{folder} was trained with {name} = {known.get(name)}, not {value}: resume it without "
                 f"that option, or train anew with another --out"
             )
     share_cores(saved.seeds)
@@ -210,26 +214,31 @@ def _resume(folder: Path, frames: int | None, given: dict[str, Any]) -> Run:
 
 def _score(run: Run) -> int:
     """Print the score of the best policy; judge that of a robot."""
-    settings, file = run.settings, run.folder / BEST
-    if is_continuing(settings.name):
+    problem, file = run.settings.problem, run.folder / BEST
+    if problem.continuing:
         _show_rates(run)
-    if settings.robot is None:
+    if isinstance(problem, RobotProblem):
+        controller = get_controller(str(file), problem.name)
+        result = judge(controller, problem.name, name=str(file), plant=problem.plant)
+        tell(*result_lines(result, judged_name(str(file), controller)))
+    else:
         file = file if file.exists() else run.folder / LAST
         print(f"best score {shown_rate(run.best_score)}, policy {file}")
         print(describe_rates(result_on_disk(file, run.backend.evaluator.measure)))
-    else:
-        controller = get_controller(str(file), settings.robot)
-        result = judge(controller, settings.robot, name=str(file), plant=settings.plant)
-        tell(*result_lines(result, judged_name(str(file), controller)))
     return 0
 
 
 def _show_rates(run: Run) -> None:
-    """Show a continuing task's rates in each tenth of the run: while training, and of the policy at its end."""
-    rows = [row for row in read_metrics(run.folder / METRICS_FILE) if row["seed"] == run.settings.seed]
-    lines = []
+    """Show the rates of a continuing task in each tenth of the run: of training, and of the policy at its end.
+
+    Of several seeds they are those of the best one, which is named.
+    """
+    seed, lines = run.settings.seed + run.progress.best_seed, []
+    rows = [row for row in read_metrics(run.folder / METRICS_FILE) if row["seed"] == seed]
     for part in filter(len, np.array_split(np.array(rows, object), 10)):
         rate = float(np.mean([row["reward"] for row in part]))
         resets = float(np.mean([training_resets(row) or 0.0 for row in part]))
         lines.append([f"{part[-1]['frames']:,}", *map(shown_rate, (rate, resets, part[-1][REWARD_RATE]))])
+    if run.settings.seeds > 1:
+        tell(f"seed {seed}, the best of {run.settings.seeds}")
     tell_table(["frames", "reward rate", "resets per 1,000 steps", "deterministic rate"], lines)

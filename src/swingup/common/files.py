@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import os
+import re
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -62,6 +63,11 @@ def read_bytes(path: str | Path, limit: int) -> bytes:
     if len(content) > limit:
         raise SwingupError(f"{path} has more than {limit / 1e6:g} MB: it is another kind of file")
     return content
+
+
+def file_name(text: str) -> str:
+    """A name for a file or folder on every system, from an id such as ``module:Namespace/Task-v0``."""
+    return re.sub(r"[^\w.,=+ -]", "-", text)
 
 
 def make_folder(path: str | Path) -> None:

@@ -14,11 +14,10 @@ from ..areapo.state import Purpose, root_key
 from ..common.checks import whole_number
 from ..common.errors import SwingupError, quoted
 from ..controllers.stack.policy import Policy, act
-from ..plant.plant import LEADERBOARD, PlantLike
-from ..tasks.adapters import as_task
-from ..tasks.task import AbstractTask
-from .backend import EPISODES, batched
+from ..plant.plant import PlantLike
+from .backend import batched
 from .presets import get_preset
+from .problem import make_problem
 from .progress import TrainingReport
 from .run import Run, restore_run, resume_run, start_run
 from .run_settings import RunSettings, make_run_settings
@@ -49,7 +48,7 @@ class AREAPO:
         evaluate_every: int | None = None,
         checkpoint_every: int | None = None,
         evaluation_episodes: int | None = None,
-        plant: PlantLike = LEADERBOARD,
+        plant: PlantLike | None = None,
         **overrides: Any,
     ) -> None:
         """Prepare to learn.
@@ -80,13 +79,6 @@ class AREAPO:
         Raises:
             SwingupError: an argument cannot work, or the environment's spaces are not supported.
         """
-        env = as_task(env)
-        if not isinstance(env, str | AbstractTask):
-            # Imported here: Gymnasium is slow to load.
-            from .environments import own_number
-
-            if (own := own_number(env)) is not None:
-                overrides = {"num_envs": own} | overrides
         settings = make_run_settings(
             env,
             preset,
@@ -98,7 +90,7 @@ class AREAPO:
             evaluation_episodes=evaluation_episodes,
             plant=plant,
         )
-        self._use(start_run(settings, folder, get_preset(settings.preset).frames, env))
+        self._use(start_run(settings, folder, get_preset(settings.preset).frames))
 
     @classmethod
     def load(cls, path: str | Path, env: Any = None) -> "AREAPO":
@@ -216,15 +208,12 @@ class AREAPO:
         """
         if episodes is not None:
             episodes = whole_number("episodes", episodes, 1)
-        run = self._run
+        run, evaluator = self._run, self._run.backend.evaluator
         policy = run.policies()[run.progress.best_seed]
         if env is None:
-            usual = None if self.settings.robot else EPISODES
-            return run.backend.evaluator.evaluate(policy, episodes or usual)
-        # Imported here: Gymnasium is slow to load.
-        from .host_backend import play_once
-
-        return play_once(policy, env, episodes, self.settings.seed, run.backend.evaluator.described_actions)
+            return evaluator.evaluate(policy, episodes or evaluator.usual_episodes).as_dict()
+        problem, actions = make_problem(env), evaluator.described_actions
+        return problem.evaluate(policy, self.settings.seed, episodes, actions).as_dict()
 
     def save(self, path: str | Path) -> None:
         """Write the complete state of all seeds: a loaded learner continues as this one does, bit for bit.

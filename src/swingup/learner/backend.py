@@ -11,11 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Shaped
 
+from ..areapo.networks import CategoricalActor
 from ..areapo.state import LearnerState
 from ..common.errors import SwingupError
 from ..controllers.stack.policy import Policy, save_policy
-from ..tasks.task import SpaceActions, Stage
-from .metrics import rates
+from ..tasks.task import SpaceActions, Spaces, Stage
+from .metrics import Evaluation, TrainingMetrics, make_evaluation
 
 TreeT = TypeVar("TreeT")
 
@@ -33,6 +34,8 @@ class AbstractEvaluator(abc.ABC):
 
     measure: str = "episodes"
     """Name under which policy files keep their scores."""
+    usual_episodes: int = EPISODES
+    """Episodes of an evaluation that is asked for without a number."""
     stages: tuple[Stage, ...] = ()
     """Observation stages before the normalisation."""
     observation_shape: tuple[int, ...]
@@ -46,8 +49,8 @@ class AbstractEvaluator(abc.ABC):
         return {} if self.actions is None else self.actions.describe()
 
     @abc.abstractmethod
-    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
-        """Evaluate the deterministic policy; among the results is ``score``, the higher the better."""
+    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> Evaluation:
+        """Evaluate the deterministic policy."""
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
         """Write a policy file, with what the environment's actions are."""
@@ -81,11 +84,11 @@ class AbstractBackend(abc.ABC):
     @abc.abstractmethod
     def train(
         self, state: LearnerState, iterations: int, stopping: Callable[[], bool] = lambda: False
-    ) -> tuple[LearnerState, list[dict[str, Any]]]:
+    ) -> tuple[LearnerState, list[TrainingMetrics]]:
         """Run iterations, fewer if ``stopping`` turns true, which is asked every few seconds.
 
         Returns:
-            The state, and the figures of each seed by name, which are means over the iterations.
+            The state, and the metrics of each seed.
         """
 
     def policy(self, member: LearnerState) -> Policy[Any]:
@@ -99,7 +102,7 @@ class AbstractBackend(abc.ABC):
         return Policy(stages, jax.tree.map(np.asarray, member.actor))
 
     @abc.abstractmethod
-    def evaluate(self, policies: Sequence[Policy[Any]]) -> list[dict[str, Any]]:
+    def evaluate(self, policies: Sequence[Policy[Any]]) -> list[Evaluation]:
         """The results of the policies of all seeds, by which :func:`.rank` compares them."""
 
     def find_fault(self) -> str:
@@ -165,11 +168,27 @@ def check_actions(trained: Mapping[str, Any], found: Mapping[str, Any]) -> None:
 
 def summarise_episodes(
     returns: list[float], lengths: list[int], terminations: int, step_time: float | None = None
-) -> dict[str, Any]:
+) -> Evaluation:
     """Mean return, which is the score, and mean length of episodes; reward rate and resets of all their steps.
 
     Terminations are those of the task itself, not of a limit. A task without time has no seconds of a step.
     """
     steps = float(np.sum(lengths))
-    means = {"score": float(np.mean(returns)), "mean_length": float(np.mean(lengths))}
-    return means | rates(float(np.sum(returns) / steps), terminations / steps, step_time)
+    rate, means = float(np.sum(returns) / steps), (float(np.mean(returns)), float(np.mean(lengths)))
+    return make_evaluation(*means, rate, terminations / steps, step_time)
+
+
+def check_spaces(policy: Policy[Any], spaces: Spaces) -> None:
+    """Refuse an environment whose observations or actions are not the policy's."""
+    actor = policy.actor
+    seen, choices = actor.trunk[0].weight.shape[1], actor.choices if isinstance(actor, CategoricalActor) else ()
+    if seen != spaces.observation_size:
+        raise SwingupError(f"the policy sees {seen} numbers, the environment shows {spaces.observation_size}")
+    size = len(choices) or actor.mean_head.weight.shape[0]
+    if (size, choices) != (spaces.action_size, spaces.choices):
+        mine, its = _actions(size, choices), _actions(spaces.action_size, spaces.choices)
+        raise SwingupError(f"the policy's actions are {mine}, the environment's are {its}")
+
+
+def _actions(size: int, choices: tuple[int, ...]) -> str:
+    return f"{size} choices of {', '.join(map(str, choices))}" if choices else f"{size} numbers"

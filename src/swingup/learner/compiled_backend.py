@@ -32,7 +32,7 @@ from ..tasks.adapters import AbstractAdaptedTask
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.task import AbstractTask
 from .backend import EPISODE_STEPS, AbstractBackend, AbstractEvaluator, split_seeds, summarise_episodes
-from .metrics import step_time
+from .metrics import Evaluation, TrainingMetrics, step_time
 
 # Compiled once for all runs of a program. A single seed runs without vmap, which is slower on a CPU.
 # The state is not donated: an interrupted run can continue from the state before the chunk.
@@ -83,7 +83,7 @@ class CompiledBackend(AbstractBackend):
 
     def train(
         self, state: LearnerState, iterations: int, stopping: Callable[[], bool] = lambda: False
-    ) -> tuple[LearnerState, list[dict[str, Any]]]:
+    ) -> tuple[LearnerState, list[TrainingMetrics]]:
         """Run some iterations, on a CPU in compiled calls of about a second: they know no signals."""
         weights = sum(leaf.size for leaf in jax.tree.leaves((state.actor, state.critic)))
         most = max(1, int(CALL_WORK / (weights * self._config.rollout_size)))
@@ -95,9 +95,9 @@ class CompiledBackend(AbstractBackend):
             state, metrics = self._advance(state, self._task, self._config, counts[-1])
             parts.append(jax.device_get(metrics))
         means = jax.tree.map(lambda *leaves: np.average(leaves, 0, counts).astype(np.float32), *parts)
-        return state, [each.as_dict() for each in split_seeds(means, len(self._seeds))]
+        return state, list(map(TrainingMetrics, split_seeds(means, len(self._seeds))))
 
-    def evaluate(self, policies: Sequence[Policy[Any]]) -> list[dict[str, Any]]:
+    def evaluate(self, policies: Sequence[Policy[Any]]) -> list[Evaluation]:
         """The results of the policies of all seeds."""
         if len(policies) == 1:
             return [self.evaluator.evaluate(policies[0])]
@@ -169,6 +169,7 @@ class SwingUpEvaluator(AbstractEvaluator):
     """Evaluates by the criteria and the score of one swing-up on the task's plant."""
 
     measure = "v2"
+    usual_episodes = 1
     observation_shape = (4,)
 
     def __init__(self, task: AbstractPendulumTask, plant: Plant = LEADERBOARD) -> None:
@@ -178,11 +179,12 @@ class SwingUpEvaluator(AbstractEvaluator):
         own = task.parameters != plant.driven(task.robot)
         self._plant = dataclasses.replace(task.parameters, name="the task's" if own else plant.name)
 
-    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
+    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> Evaluation:
         """The criteria of the one deterministic episode."""
         if episodes not in (None, 1):
             raise SwingupError(f"episodes = {episodes}, but a robot is scored by one episode: leave it out")
-        return dataclasses.asdict(judge(self._controller(policy), self._robot, plant=self._plant).criteria)
+        criteria = judge(self._controller(policy), self._robot, plant=self._plant).criteria
+        return Evaluation(criteria.score, criteria=criteria)
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
         """Write a controller's policy file."""
@@ -204,7 +206,7 @@ class ReturnEvaluator(AbstractEvaluator):
         self._task, self._seed, self._episodes = task, seed, episodes
         self._step_time = step_time(*(adapted.timed if adapted else (task,)))
 
-    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
+    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> Evaluation:
         """Means over the episodes."""
         # The same episodes each time, so that scores differ by the policy alone.
         keys = jax.random.split(root_key(self._seed, Purpose.EVALUATION), episodes or self._episodes)

@@ -17,27 +17,25 @@ from jaxtyping import Array, Float
 from ..areapo import algorithm
 from ..areapo.config import Config
 from ..areapo.initial import begin_episodes, init_learner
-from ..areapo.networks import ActionSample, AnyActor, CategoricalActor, sample_actions
+from ..areapo.networks import ActionSample, AnyActor, sample_actions
 from ..areapo.state import COLLECT, LearnerState, Metrics, Purpose, Rollout, root_key
 from ..areapo.statistics import RunningStatistics
 from ..common.errors import SwingupError
 from ..common.types import Key, fetch
 from ..controllers.stack.policy import Policy, act, save_policy
-from ..tasks.adapters import as_task
-from ..tasks.task import AbstractTask, Spaces
 from .backend import (
     EPISODE_STEPS,
     EPISODES,
     AbstractBackend,
     AbstractEvaluator,
     check_actions,
+    check_spaces,
     join_seeds,
     split_seeds,
     summarise_episodes,
 )
-from .compiled_backend import ReturnEvaluator
 from .environments import Environments, make_environments, own_number
-from .metrics import RESETS, REWARD_RATE, rates
+from .metrics import Evaluation, TrainingMetrics, make_evaluation
 
 
 class EpisodeEvaluator(AbstractEvaluator):
@@ -48,16 +46,19 @@ class EpisodeEvaluator(AbstractEvaluator):
         self.observation_shape = environments.observation_space.shape or ()
         self._env, self._name, self._seed, self._episodes = env, name, seed, episodes
         self.actions = environments.actions
-        self._made: dict[int, Environments] = {}
+        self._usual: Environments | None = None
 
-    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
+    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> Evaluation:
         """Means over the episodes."""
-        count = self._episodes if episodes is None else episodes
         if own_number(self._env) is not None:
             raise SwingupError("the environment that was passed in trains: pass evaluate another as env")
-        if count not in self._made:
-            self._made[count] = make_environments(self._env, count)
-        return play(policy, self._made[count], self._seed)
+        if episodes not in (None, self._episodes):
+            # Another number is asked for once or twice; only the usual environments are kept.
+            with contextlib.closing(make_environments(self._env, episodes)) as environments:
+                return play(policy, environments, self._seed)
+        if self._usual is None:
+            self._usual = make_environments(self._env, self._episodes)
+        return play(policy, self._usual, self._seed)
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
         """Write a policy file that names the environment and the bounds of its actions."""
@@ -70,9 +71,9 @@ class EpisodeEvaluator(AbstractEvaluator):
 
     def close(self) -> None:
         """Close the environments that were made here."""
-        for environments in self._made.values():
-            environments.close()
-        self._made = {}
+        if self._usual is not None:
+            self._usual.close()
+        self._usual = None
 
 
 class HostBackend(AbstractBackend):
@@ -97,9 +98,7 @@ class HostBackend(AbstractBackend):
         self.evaluator = EpisodeEvaluator(env, name, first, seeds[0], episodes)
         # It cannot be made again, and resetting it would disturb training.
         self._scored_by_training = passed_in or not episodes
-        # Before the first step.
-        unknown = dict.fromkeys(("score", "mean_length", REWARD_RATE, RESETS))
-        self._training_results: list[dict[str, Any]] = [unknown for _ in seeds]
+        self._training_results = [Evaluation(None) for _ in seeds]  # before the first step
 
     def init(self) -> LearnerState:
         """The state before the first iteration; the environments are not reset yet."""
@@ -117,8 +116,11 @@ class HostBackend(AbstractBackend):
             _advance.lower(member.actor, member.statistics, observations, true_next, noise).compile()
         flags, rewards = np.zeros(config.num_envs, np.bool_), np.zeros(config.num_envs, np.float32)
         latents = np.zeros(drawn.shape, drawn.dtype)
-        row = (observations, latents, rewards, rewards, observations, flags, flags, flags)
-        rollout = _rollout([row] * config.num_steps, self._environments[0].all_count)
+        row = _row(
+            observations=observations, latents=latents, log_probs=rewards, rewards=rewards,
+            next_observations=observations, terminated=flags, truncated=flags, counted=flags,
+        )  # fmt: skip
+        rollout = _stacked([row] * config.num_steps, self._environments[0].all_count)
         _update.lower(member, rollout, config).compile()
         if not self._scored_by_training:
             self.evaluator.compile(self.policy(member))
@@ -136,11 +138,11 @@ class HostBackend(AbstractBackend):
 
     def train(
         self, state: LearnerState, iterations: int, stopping: Callable[[], bool] = lambda: False
-    ) -> tuple[LearnerState, list[dict[str, Any]]]:
+    ) -> tuple[LearnerState, list[TrainingMetrics]]:
         """Run some iterations of each seed; also reports the episodes that ended."""
         members = split_seeds(state, len(self._seeds))
         metrics: list[list[Metrics]] = [[] for _ in members]
-        resets = [each.own_resets for each in self._environments]
+        resets_before = [each.own_resets for each in self._environments]
         for each in self._environments:
             each.episodes.clear()
         for iteration in range(iterations):
@@ -148,24 +150,25 @@ class HostBackend(AbstractBackend):
                 break
             for index, environments in enumerate(self._environments):
                 member, rollout = collect_on_host(members[index], environments, self._config)
-                members[index], found = _update(member, rollout, self._config)
-                metrics[index].append(jax.device_get(found))
-        self._training_results, rows = [], []
-        for own, environments, before in zip(metrics, self._environments, resets, strict=True):
-            row = jax.tree.map(lambda *leaves: np.mean(leaves, dtype=np.float32), *own).as_dict()
+                members[index], measured = _update(member, rollout, self._config)
+                metrics[index].append(jax.device_get(measured))
+        self._training_results, found = [], list[TrainingMetrics]()
+        for own, environments, before in zip(metrics, self._environments, resets_before, strict=True):
+            means = jax.tree.map(lambda *leaves: np.mean(leaves, dtype=np.float32), *own)
             frames = len(own) * self._config.rollout_size
-            row["termination_rate"] += (environments.own_resets - before) / frames
+            resets = float(means.termination_rate) + (environments.own_resets - before) / frames
             # Perhaps no episode ended since the last report; an endless task never ends one.
-            means = [float(np.mean(each)) for each in zip(*environments.episodes, strict=True)]
-            episode_return, episode_length = means or (None, None)
-            rows.append(row | {"episode_return": episode_return, "episode_length": episode_length})
+            ended = [float(np.mean(each)) for each in zip(*environments.episodes, strict=True)]
+            episode_return, length = ended or (None, None)
+            means = replace(means, termination_rate=resets)
+            found.append(TrainingMetrics(means, episode_return, length, counts_episodes=True))
             # The rates are those of all steps since the last report, also of episodes that go on.
-            measured = rates(row["reward"], row["termination_rate"], environments.step_time)
-            score = row["reward"] if environments.endless else episode_return
-            self._training_results.append({"score": score, "mean_length": episode_length, **measured})
-        return join_seeds(members), rows
+            reward = float(means.reward)
+            score = reward if environments.endless else episode_return
+            self._training_results.append(make_evaluation(score, length, reward, resets, environments.step_time))
+        return join_seeds(members), found
 
-    def evaluate(self, policies: Sequence[Policy[Any]]) -> list[dict[str, Any]]:
+    def evaluate(self, policies: Sequence[Policy[Any]]) -> list[Evaluation]:
         """The results of all seeds: of episodes that are played, or of the training since the last report."""
         # In the caller's thread, on which an environment may depend.
         return self._training_results if self._scored_by_training else list(map(self.evaluator.evaluate, policies))
@@ -191,19 +194,29 @@ def collect_on_host(
         statistics, *answer = _advance(actor, statistics, step.following, true_next, noise[index])
         following, true_next, following_chosen = fetch(answer)
         true_next = following if true_next is None else true_next
-        ends = (step.terminated, step.truncated, step.counted)
-        rows.append((seen, chosen.latents, chosen.log_probs, step.rewards, true_next, *ends))
+        rows.append(
+            _row(
+                observations=seen, latents=chosen.latents, log_probs=chosen.log_probs, rewards=step.rewards,
+                next_observations=true_next, terminated=step.terminated, truncated=step.truncated,
+                counted=step.counted,
+            )
+        )  # fmt: skip
         seen, chosen = following, following_chosen
     # The last decision is dropped: the next rollout decides with its own key and the improved actor.
     after = replace(state, statistics=statistics, observations=jnp.asarray(seen))
-    return after, _rollout(rows, environments.all_count)
+    return after, _stacked(rows, environments.all_count)
 
 
-def _rollout(rows: list[tuple[Any, ...]], all_count: bool) -> Rollout:
-    """Stack the steps, whose arrays are in the order of a rollout's fields; compiled functions take NumPy's."""
-    columns: list[Any] = list(map(np.stack, zip(*rows, strict=True)))
-    columns[-1] = None if all_count else columns[-1].astype(np.float32)
-    return Rollout(*columns)
+def _row(**fields: Any) -> Rollout:
+    """A step of all environments, in NumPy's arrays."""
+    return Rollout(**fields)
+
+
+def _stacked(steps: list[Rollout], all_count: bool) -> Rollout:
+    """Stack the steps; compiled functions take NumPy's arrays."""
+    rollout = jax.tree.map(lambda *leaves: np.stack(leaves), *steps)
+    counted = None if all_count else np.asarray(rollout.counted, np.float32)
+    return replace(rollout, counted=counted)
 
 
 @jax.jit
@@ -239,30 +252,24 @@ _update = jax.jit(algorithm.update)
 
 def play_once(
     policy: Policy[Any], env: Any, episodes: int | None, seed: int, trained: Mapping[str, Any]
-) -> dict[str, Any]:
+) -> Evaluation:
     """Evaluate episodes in a given environment, or in new ones made for them.
 
     Without a number of episodes it is one in each environment that was passed in, or else ``EPISODES``. ``trained``
     describes the actions of training.
     """
-    task = as_task(env)
-    if isinstance(task, AbstractTask):
-        _check_spaces(policy, task.spaces)
-        by_return = ReturnEvaluator(task, seed, episodes or EPISODES)
-        check_actions(trained, by_return.described_actions)
-        return by_return.evaluate(policy)
     own = own_number(env)
     if episodes is not None and own not in (None, episodes):
         raise SwingupError(
             f"episodes = {episodes}, but the environment that was passed in plays {own}: leave episodes out"
         )
     with contextlib.closing(make_environments(env, own or episodes or EPISODES)) as environments:
-        _check_spaces(policy, environments.spaces)
+        check_spaces(policy, environments.spaces)
         check_actions(trained, environments.actions.describe())
         return play(policy, environments, seed)
 
 
-def play(policy: Policy[Any], environments: Environments, seed: int) -> dict[str, Any]:
+def play(policy: Policy[Any], environments: Environments, seed: int) -> Evaluation:
     """The first episode of each environment under the deterministic policy, as means.
 
     The score of a continuing task, of whose stream ``EPISODE_STEPS`` are played, is its reward rate.
@@ -283,20 +290,4 @@ def play(policy: Policy[Any], environments: Environments, seed: int) -> dict[str
             break
     terminations += environments.own_resets
     result = summarise_episodes(returns.tolist(), lengths.tolist(), terminations, environments.step_time)
-    return result | {"score": result[REWARD_RATE]} if environments.endless else result
-
-
-def _check_spaces(policy: Policy[Any], spaces: Spaces) -> None:
-    """Refuse an environment whose observations or actions are not the policy's."""
-    actor = policy.actor
-    seen, choices = actor.trunk[0].weight.shape[1], actor.choices if isinstance(actor, CategoricalActor) else ()
-    if seen != spaces.observation_size:
-        raise SwingupError(f"the policy sees {seen} numbers, the environment shows {spaces.observation_size}")
-    size = len(choices) or actor.mean_head.weight.shape[0]
-    if (size, choices) != (spaces.action_size, spaces.choices):
-        mine, its = _actions(size, choices), _actions(spaces.action_size, spaces.choices)
-        raise SwingupError(f"the policy's actions are {mine}, the environment's are {its}")
-
-
-def _actions(size: int, choices: tuple[int, ...]) -> str:
-    return f"{size} choices of {', '.join(map(str, choices))}" if choices else f"{size} numbers"
+    return replace(result, score=result.reward_rate) if environments.endless else result

@@ -1,4 +1,4 @@
-"""A run's metrics: ``metrics.jsonl``, one line a report and seed, and TensorBoard events beside it.
+"""A run's metrics: a :class:`Row` for each report and seed, in ``metrics.jsonl`` and as TensorBoard events.
 
 A continuing task is reported by its reward rate and its resets per 1,000 steps. The reward rate is the mean reward
 of a step, as measured. The gain ρ is the learner's estimate of it for the exploring policy, less what its resets
@@ -7,18 +7,25 @@ the caller starts it anew.
 """
 
 import contextlib
+import dataclasses
 import json
 import math
 import os
 import socket
 import time
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from ..common.arrays import finite
 from ..common.checks import is_number, whole_number
 from ..common.errors import SwingupError
 from ..common.files import write_atomically
+
+if TYPE_CHECKING:
+    from ..areapo.state import Metrics
+    from ..benchmark.board import Criteria
 
 METRICS_FILE = "metrics.jsonl"
 REWARD_RATE, REWARD_PER_SECOND = "reward_rate", "reward_per_second"
@@ -26,6 +33,94 @@ RESETS = "resets_per_1000_steps"
 
 MISSING = "–"
 """Shown where a number was not recorded."""
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The result of an evaluation of a deterministic policy."""
+
+    score: float | None
+    """Mean return, of a continuing task its reward rate, of a robot the RealAI score; None: no episode ended."""
+    mean_length: float | None = None
+    """Mean length of the episodes (steps)."""
+    reward_rate: float | None = None
+    """Mean reward of a step."""
+    resets_per_1000_steps: float | None = None
+    """Terminations of the task itself."""
+    reward_per_second: float | None = None
+    """Reward rate over the time of a step; None where a step has no known time."""
+    criteria: "Criteria | None" = None
+    """What a robot's swing-up is judged by, in place of all but the score."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """As policy files and rows keep it."""
+        if self.criteria is not None:
+            return dataclasses.asdict(self.criteria)
+        values = {name: value for name, value in vars(self).items() if name != "criteria"}
+        return {name: value for name, value in values.items() if name != REWARD_PER_SECOND or value is not None}
+
+
+@dataclass(frozen=True)
+class TrainingMetrics:
+    """What one seed did in the iterations since the last report."""
+
+    means: "Metrics"
+    """Means over the iterations."""
+    episode_return: float | None = None
+    """Mean return of the episodes that ended where the host steps the environments; None where none ended."""
+    episode_length: float | None = None
+    """Their mean length (steps)."""
+    counts_episodes: bool = False
+    """Whether the host steps the environments, so that returns and lengths are recorded."""
+
+    def as_dict(self) -> dict[str, float | None]:
+        """Flat, as Python's numbers."""
+        episodes = {"episode_return": self.episode_return, "episode_length": self.episode_length}
+        return self.means.as_dict() | (episodes if self.counts_episodes else {})
+
+
+@dataclass(frozen=True)
+class Row:
+    """A report of one seed: ``as_dict`` is a row of ``metrics.jsonl``."""
+
+    seed: int
+    frames: int
+    """Frames of the seed so far."""
+    seconds: float
+    """Time of the run so far (s)."""
+    frames_per_second: float
+    """Frames of all seeds together in a second, since the last report."""
+    training: TrainingMetrics
+    evaluation: Evaluation
+    best_score: float | None
+    """Best score of the seed so far."""
+
+    @property
+    def score(self) -> float | None:
+        """Score of the evaluation; None where no episode ended that gives one."""
+        return self.evaluation.score
+
+    @property
+    def reward(self) -> float:
+        """Mean reward of a step of the exploring policy."""
+        return float(self.training.means.reward)
+
+    @property
+    def gain(self) -> float:
+        """The learner's estimate of ρ."""
+        return float(self.training.means.gain)
+
+    @property
+    def resets_per_1000_steps(self) -> float:
+        """Terminations of the exploring policy's steps."""
+        return 1000.0 * float(self.training.means.termination_rate)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Flat, as JSON values: numbers that are not finite become null."""
+        head = {"seed": self.seed, "frames": self.frames}
+        times = {"seconds": round(self.seconds, 3), "frames_per_second": round(self.frames_per_second, 1)}
+        measured = self.training.as_dict() | self.evaluation.as_dict()
+        return dict(finite(head | times | measured | {"best_score": self.best_score}))
 
 
 class MetricsWriter(contextlib.AbstractContextManager["MetricsWriter"]):
@@ -167,10 +262,16 @@ def step_time(*timed: Any) -> float | None:
     return None
 
 
-def rates(reward: float, termination_rate: float, step_time: float | None = None) -> dict[str, float]:
-    """The entries of an evaluation's result; a task without time has no seconds of a step."""
-    timed = {} if step_time is None else {REWARD_PER_SECOND: reward / step_time}
-    return {REWARD_RATE: reward, **timed, RESETS: 1000.0 * termination_rate}
+def make_evaluation(
+    score: float | None,
+    mean_length: float | None,
+    reward_rate: float,
+    termination_rate: float,
+    step_time: float | None = None,
+) -> Evaluation:
+    """An evaluation from terminations a step and the seconds of a step, if it has a time."""
+    per_second = None if step_time is None else reward_rate / step_time
+    return Evaluation(score, mean_length, reward_rate, 1000.0 * termination_rate, per_second)
 
 
 def training_resets(row: Mapping[str, Any]) -> float | None:

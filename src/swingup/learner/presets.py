@@ -1,14 +1,9 @@
 """Named settings of task and algorithm; presets are Python values."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from ..areapo.config import Config
 from ..common.checks import one_of
-from ..common.errors import SwingupError
-from ..plant.plant import ROBOTS
-from ..tasks.acrobot_swingup import IDS as ACROBOT_IDS
-from ..tasks.pendulum import AbstractPendulumTask
 
 
 @dataclass(frozen=True)
@@ -118,25 +113,3 @@ ENV_PRESET = "mujoco"
 def get_preset(name: str) -> Preset:
     """Look a preset up by its name."""
     return PRESETS[one_of("preset", name, PRESETS)]
-
-
-def is_robot(env: Any) -> bool:
-    """Whether an environment is a robot's name."""
-    return isinstance(env, str) and env in ROBOTS
-
-
-def is_acrobot(env: Any) -> bool:
-    """Whether an environment is an id of dm_control's acrobot."""
-    return isinstance(env, str) and env in ACROBOT_IDS
-
-
-def choose_preset(named: str | None, env: Any) -> str:
-    """The named preset, or else the default of the task; no other code decides this."""
-    if named is not None:
-        return one_of("preset", named, PRESETS)
-    if isinstance(env, AbstractPendulumTask):
-        fitting = ", ".join(repr(name) for name in PRESETS if name != ENV_PRESET)
-        raise SwingupError(f"no preset was named for this {type(env).__name__}: pass preset=, one of {fitting}")
-    if is_robot(env):
-        return PENDULUM_PRESET
-    return ACROBOT_PRESET if is_acrobot(env) else ENV_PRESET

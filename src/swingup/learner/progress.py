@@ -1,7 +1,6 @@
 """The progress of a run as one value, with exactly the content of a checkpoint, and its report after each chunk."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 from ..areapo.state import LearnerState
 from ..common.checks import finite_number, is_number, whole_number
 from ..common.errors import SwingupError, one_line
-from .metrics import REWARD_RATE, shown_rate, training_resets
+from .metrics import Row, shown_rate
 from .run_settings import MALFORMED, RunSettings, run_settings_from_dict
 
 Rank = tuple[bool, float]
@@ -46,18 +45,16 @@ class TrainingProgress:
         }
 
 
-def rank(result: Mapping[str, Any]) -> Rank:
-    """The rank of a policy by the result of its evaluation.
+def rank(score: Any, reward_rate: Any) -> Rank:
+    """The rank of a policy by its score, or else its reward rate.
 
     A task that is scored by episodes of training has no score while no episode ends; policies are then compared by
     their reward rates. Any score ranks above any rate: the reward of a step and the return of an episode do not
     compare.
     """
-    score: Any = result["score"]
-    rate: Any = result.get(REWARD_RATE)
     if is_number(score):
         return True, float(score)
-    return (False, float(rate)) if is_number(rate) else UNRANKED
+    return (False, float(reward_rate)) if is_number(reward_rate) else UNRANKED
 
 
 def score_of(best: Rank) -> float | None:
@@ -103,20 +100,25 @@ class TrainingReport:
     """Frames of each seed so far."""
     frames_per_second: float
     """Frames of all seeds together in a second, since the last report, evaluation and files included."""
-    rows: list[dict[str, Any]]
-    """The rows of metrics.jsonl: one for each seed."""
+    rows: tuple[Row, ...]
+    """The row of each seed in metrics.jsonl."""
     best_score: float | None
     """Best score of any seed so far."""
 
     @property
+    def best(self) -> Row:
+        """The row of the seed whose policy is the best in this report."""
+        return max(self.rows, key=lambda row: rank(row.score, row.evaluation.reward_rate))
+
+    @property
     def score(self) -> float | None:
-        """Score of the best seed in this report; None where no episode ended that gives one."""
-        return max((row["score"] for row in self.rows if row["score"] is not None), default=None)
+        """Score of that seed; None where no episode ended that gives one."""
+        return self.best.score
 
     def __str__(self) -> str:
-        row = self.rows[0]
+        row = self.best
         return (
-            f"{self.frames:,} frames, {self.frames_per_second:.0f}/s, reward {shown_rate(row['reward'])}, "
-            f"gain {shown_rate(row['gain'])}, resets per 1,000 steps {shown_rate(training_resets(row))}, "
-            f"score {shown_rate(self.score)}, best {shown_rate(self.best_score)}"
+            f"{self.frames:,} frames, {self.frames_per_second:.0f}/s, reward {shown_rate(row.reward)}, "
+            f"gain {shown_rate(row.gain)}, resets per 1,000 steps {shown_rate(row.resets_per_1000_steps)}, "
+            f"score {shown_rate(row.score)}, best {shown_rate(self.best_score)}"
         )

@@ -19,23 +19,15 @@ import numpy as np
 from ..areapo.checkpoint import load_checkpoint, read_metadata
 from ..areapo.state import LearnerState
 from ..common import __version__
-from ..common.arrays import finite
 from ..common.checks import whole_number
 from ..common.errors import SwingupError, naming
 from ..common.files import make_folder
 from ..controllers.stack.policy import Policy
-from ..tasks.acrobot_swingup import IDS as ACROBOT_IDS
-from ..tasks.acrobot_swingup import AcrobotPractice, acrobot_practice
-from ..tasks.adapters import as_task
-from ..tasks.pendulum import AbstractPendulumTask
-from ..tasks.task import AbstractTask
 from .backend import AbstractBackend, check_actions, split_seeds
-from .compiled_backend import CompiledBackend, ReturnEvaluator, SwingUpEvaluator
-from .metrics import MetricsWriter
-from .presets import ACROBOT_PRESET, is_acrobot
+from .metrics import Evaluation, MetricsWriter, Row, TrainingMetrics
 from .progress import UNRANKED, TrainingProgress, TrainingReport, is_finite, rank, read_progress, score_of
 from .run_folder import BEST, LAST, RunFolder, seed_file
-from .run_settings import RunSettings, is_description, read_run_settings, run_settings_from_dict, write_run_settings
+from .run_settings import RunSettings, read_run_settings, run_settings_from_dict, write_run_settings
 
 Snapshot = tuple[LearnerState, dict[str, Any]]
 """The complete state, and the metadata of a checkpoint."""
@@ -89,7 +81,7 @@ class Run:
         """The policies of all seeds as they stand."""
         return [self.backend.policy(member) for member in split_seeds(self.progress.state, self.settings.seeds)]
 
-    def save_policy(self, path: Path, index: int, policy: Policy[Any], result: dict[str, Any]) -> None:
+    def save_policy(self, path: Path, index: int, policy: Policy[Any], result: Evaluation) -> None:
         """Write a policy of one seed with its origin and its evaluation's result."""
         settings, evaluator = self.settings, self.backend.evaluator
         origin = {
@@ -100,7 +92,7 @@ class Run:
             "frames": self.frames,
             "seconds": round(self.progress.seconds, 1),
             "hyperparameters": settings.as_dict()["config"],
-            "scores": {evaluator.measure: result},
+            "scores": {evaluator.measure: result.as_dict()},
         }
         evaluator.save(path, policy, origin)
 
@@ -121,8 +113,6 @@ class Run:
     def extend(self, frames: int) -> None:
         """Set the goal to this number of frames more than the run has trained for."""
         self.goal, self._stopping = self.frames + whole_number("frames", frames, 1), False
-        if self._folder is not None:
-            write_run_settings(self._folder.path, self.settings, self.goal)
 
     def stop(self) -> None:
         """End the run after the iterations in progress."""
@@ -147,17 +137,19 @@ class Run:
         folder, nothing = self._folder, contextlib.nullcontext()
         locked = nothing if folder is None else folder.locked(self.frames)
         with locked, nothing if folder is None else MetricsWriter(folder.path, self.frames) as writer:
+            if folder is not None:
+                write_run_settings(folder.path, self.settings, self.goal)
             mark, saved, self._fresh = time.perf_counter(), True, True
             while (before := self.progress.iterations) < target and not self._stopping:
-                figures = self._train_chunk(self.settings.next_stop(before, target) - before)
+                metrics = self._train_chunk(self.settings.next_stop(before, target) - before)
                 evaluations = self._evaluate_all()
                 mark, elapsed = (now := time.perf_counter()), now - mark
                 self.progress = replace(self.progress, seconds=self.progress.seconds + elapsed)
                 frames = (self.progress.iterations - before) * self.settings.config.rollout_size
                 rate = frames * self.settings.seeds / elapsed
-                report = self._report(rate, figures, evaluations)
+                report = self._report(rate, metrics, evaluations)
                 if writer is not None:
-                    writer.write(report.rows)
+                    writer.write(row.as_dict() for row in report.rows)
                 at_end = self.progress.iterations >= target or self._stopping
                 saved = at_end or self.settings.is_checkpoint_due(before, self.progress.iterations)
                 if saved:
@@ -179,36 +171,33 @@ class Run:
         if self._folder is not None:
             self._folder.save_checkpoint(self.frames, state, metadata)
 
-    def _train_chunk(self, count: int) -> list[dict[str, Any]]:
+    def _train_chunk(self, count: int) -> list[TrainingMetrics]:
         state, before = self.progress.state, self.progress.iterations
         if self._fresh:
             state = self.backend.begin(state, before)
         self._fresh = True  # until the chunk is whole
-        state, figures = self.backend.train(state, count, lambda: self._stopping)
+        state, metrics = self.backend.train(state, count, lambda: self._stopping)
         # Before the chunk counts, so that a run that diverged keeps its last good state.
-        self._check_finite(figures, "metrics are")
+        self._check_finite([each.means for each in metrics], "metrics are")
         iterations = int(np.max(jax.device_get(state.iterations)))
         self.progress, self._fresh = replace(self.progress, state=state, iterations=iterations), False
-        return figures
+        return metrics
 
-    def _report(
-        self, rate: float, figures: list[dict[str, Any]], evaluations: list[dict[str, Any]]
-    ) -> TrainingReport:
-        """The report of a chunk with so many frames of all seeds a second, and each seed's means over it."""
-        progress, rows = self.progress, []
-        for index, (figure, result) in enumerate(zip(figures, evaluations, strict=True)):
-            head = {"seed": self.settings.seed + index, "frames": self.frames}
-            times = {"seconds": round(progress.seconds, 3), "frames_per_second": round(rate, 1)}
-            # JSON has no NaN: numbers that are not finite become null.
-            rows.append(finite(head | times | figure | result | {"best_score": score_of(progress.best[index])}))
+    def _report(self, rate: float, metrics: list[TrainingMetrics], evaluations: list[Evaluation]) -> TrainingReport:
+        """The report of a chunk with so many frames of all seeds a second."""
+        seeds = zip(metrics, evaluations, self.progress.best, strict=True)
+        rows = tuple(
+            Row(self.settings.seed + index, self.frames, self.progress.seconds, rate, each, result, score_of(best))
+            for index, (each, result, best) in enumerate(seeds)
+        )
         return TrainingReport(self.frames, rate, rows, self.best_score)
 
-    def _evaluate_all(self) -> list[dict[str, Any]]:
+    def _evaluate_all(self) -> list[Evaluation]:
         """Evaluate the deterministic policy of each seed; keep those that are their seeds' best."""
         policies = self.policies()
         results = self.backend.evaluate(policies)
         for index, (policy, result) in enumerate(zip(policies, results, strict=True)):
-            found, best = rank(result), self.progress.best
+            found, best = rank(result.score, result.reward_rate), self.progress.best
             if found > best[index]:
                 # BEST first: if the run is killed before the seed's own file, resuming finds the record again.
                 if found > max(best):
@@ -218,11 +207,11 @@ class Run:
                 self.progress = replace(self.progress, best=(*best[:index], found, *best[index + 1 :]))
         return results
 
-    def _save_policy(self, name: str, index: int, policy: Policy[Any], result: dict[str, Any]) -> None:
+    def _save_policy(self, name: str, index: int, policy: Policy[Any], result: Evaluation) -> None:
         if self._folder is not None:
             self.save_policy(self._folder.path / name, index, policy, result)
 
-    def _save(self, evaluations: list[dict[str, Any]], writer: MetricsWriter | None) -> None:
+    def _save(self, evaluations: list[Evaluation], writer: MetricsWriter | None) -> None:
         """Write a checkpoint, after the metrics until there and each seed's last policy with its score.
 
         A run that is killed before the checkpoint trains again from the one before, and writes the others anew.
@@ -243,14 +232,13 @@ class Run:
         raise SwingupError(f"training diverged: {subject} not finite after frame {self.frames}{kept}: {remedy}")
 
 
-def start_run(settings: RunSettings, folder: str | Path | None, frames: int, env: Any = None) -> Run:
+def start_run(settings: RunSettings, folder: str | Path | None, frames: int) -> Run:
     """A new run of ``frames`` frames a seed.
 
     Args:
         settings: what to train.
         folder: one that does not exist yet or is empty; None to write nothing.
         frames: length of the run.
-        env: the environment or the task, where the settings only name it.
 
     Raises:
         SwingupError: the folder holds something or cannot be written, or the task cannot be made.
@@ -259,11 +247,11 @@ def start_run(settings: RunSettings, folder: str | Path | None, frames: int, env
     place = None if folder is None else RunFolder(folder)
     if place is not None:
         place.check_new()
-    backend = make_backend(settings, env)
+    backend = settings.make_backend()
     state = backend.init()  # compiles for seconds, before the folder is made: interrupted here, nothing is left
     # A reset that is not finite would show only after the first chunk, as a divergence.
     if not is_finite(state.observations):
-        raise SwingupError(f"{settings.name} cannot be trained on: {backend.find_fault()}")
+        raise SwingupError(f"{settings.problem.name} cannot be trained on: {backend.find_fault()}")
     progress = TrainingProgress(state, (UNRANKED,) * settings.seeds)
     run = Run(settings, backend, progress, goal, place)
     if place is not None:
@@ -277,6 +265,8 @@ def start_run(settings: RunSettings, folder: str | Path | None, frames: int, env
 def resume_run(folder: str | Path, frames: int | None = None, env: Any = None) -> Run:
     """Continue a run from its last checkpoint, bit for bit; to another number of frames if one is given.
 
+    Nothing is written before the run advances.
+
     Raises:
         SwingupError: the folder is not a run's, has no checkpoint, or its checkpoint is of another configuration.
     """
@@ -284,7 +274,7 @@ def resume_run(folder: str | Path, frames: int | None = None, env: Any = None) -
     goal = whole_number("frames", before if frames is None else frames, 1)
     place = RunFolder(folder)
     source = f"the newest checkpoint in {place.checkpoints}"
-    backend, progress = _restored(settings, place.load_checkpoint, source, env)
+    settings, backend, progress = _restored(settings, place.load_checkpoint, source, env)
     run = Run(settings, backend, progress, goal, place)
     # The last chunk may have gone beyond the goal: the same one is still reached.
     if goal < min(before, run.frames):
@@ -292,7 +282,6 @@ def resume_run(folder: str | Path, frames: int | None = None, env: Any = None) -
     on_disk = place.best(settings, backend.evaluator.measure)
     # A policy may be newer than the checkpoint; a worse one must not replace it.
     run.progress = replace(progress, best=tuple(map(max, progress.best, on_disk)))
-    write_run_settings(place.path, settings, goal)
     return run
 
 
@@ -300,37 +289,15 @@ def restore_run(path: str | Path, env: Any = None) -> Run:
     """A run without a folder that continues from a file that :meth:`swingup.AREAPO.save` wrote."""
     with naming(f"cannot load {path}"):
         settings = run_settings_from_dict(read_metadata(path).get("settings"))
-    backend, progress = _restored(settings, lambda like: load_checkpoint(path, like), str(path), env)
+    settings, backend, progress = _restored(settings, lambda like: load_checkpoint(path, like), str(path), env)
     return Run(settings, backend, progress, max(1, progress.iterations * settings.config.rollout_size), None)
 
 
 def _restored(
     settings: RunSettings, load: Callable[[LearnerState], Snapshot], source: str, env: Any
-) -> tuple[AbstractBackend, TrainingProgress]:
-    backend = make_backend(settings, env)
+) -> tuple[RunSettings, AbstractBackend, TrainingProgress]:
+    settings = replace(settings, problem=settings.problem.on(env))
+    backend = settings.make_backend()
     state, metadata = load(jax.eval_shape(backend.init))
     check_actions(metadata.get("actions", {}), backend.evaluator.described_actions)
-    return backend, read_progress(state, metadata, settings, source)
-
-
-def make_backend(settings: RunSettings, env: Any = None) -> AbstractBackend:
-    """The back end of these settings, on the task that they name, or on a given environment or task."""
-    config, seeds = settings.config, range(settings.seed, settings.seed + settings.seeds)
-    env = as_task(settings.env if env is None else env)
-    if settings.preset == ACROBOT_PRESET and is_acrobot(env):
-        env = acrobot_practice(ACROBOT_IDS[env])
-    if settings.robot is not None:
-        pendulum = env if isinstance(env, AbstractPendulumTask) else settings.task()
-        return CompiledBackend(pendulum, config, seeds, SwingUpEvaluator(pendulum, settings.plant))
-    if isinstance(env, AbstractTask):
-        episodes = settings.evaluation_episodes
-        if not episodes:
-            raise SwingupError("evaluation_episodes = 0, but a task in JAX is scored by episodes: use 1 or more")
-        judged = env.judged if isinstance(env, AcrobotPractice) else env
-        return CompiledBackend(env, config, seeds, ReturnEvaluator(judged, settings.seed, episodes))
-    if isinstance(env, str) and is_description(env):
-        raise SwingupError(f"this run's environment was passed in ({env}): pass it again as env")
-    # Imported here: Gymnasium is slow to load, and the pendulum does not need it.
-    from .host_backend import HostBackend
-
-    return HostBackend(env, settings.name, config, seeds, settings.evaluation_episodes)
+    return settings, backend, read_progress(state, metadata, settings, source)

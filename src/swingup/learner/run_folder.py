@@ -13,6 +13,7 @@ from ..areapo.checkpoint import load_checkpoint, save_checkpoint
 from ..common.errors import SwingupError, one_line
 from ..common.files import behind_links, make_folder
 from ..policy.file import read_network
+from .metrics import REWARD_RATE
 from .progress import UNRANKED, Rank, rank
 from .run_settings import MALFORMED, RunSettings
 
@@ -170,10 +171,12 @@ def _rank_on_disk(path: Path, settings: RunSettings, measure: str) -> Rank:
     try:
         # Loaded whole: a file with sound metadata and damaged weights is not a best policy.
         metadata = read_network(path)[1]
-        trained_on = metadata.get("robot", settings.robot)
-        if trained_on != settings.robot:
+        robot = settings.problem.record["robot"]
+        trained_on = metadata.get("robot", robot)
+        if trained_on != robot:
             raise SwingupError(f"it is for {one_line(trained_on, 40)}")
-        found = rank(metadata["scores"][measure])
+        result = metadata["scores"][measure]
+        found = rank(result["score"], result.get(REWARD_RATE))
         if found == UNRANKED:
             raise SwingupError(f"it has no score of {measure}")
         return found

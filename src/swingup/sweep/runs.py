@@ -141,7 +141,7 @@ def train_one(job: Job, report: Callable[[Row], None] = lambda row: None) -> Row
     if row is None:
         with contextlib.closing(_open(folder, job)) as run:
             for each in run.advance():
-                row = each.rows[0]
+                row = each.rows[0].as_dict()
                 report(row)
     if row is None:
         raise SwingupError(f"{folder} is complete but its metrics are not: remove it to train again")

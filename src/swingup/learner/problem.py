@@ -1,0 +1,380 @@
+"""What is trained on, as an object: a robot, a task in JAX, or environments that the host steps.
+
+:func:`make_problem` and :func:`problem_from_record` are the registry: they alone know the kinds. A problem says
+which preset and intervals are its defaults, what a run's files keep of it and how a command names it, and it makes
+the back end.
+"""
+
+import abc
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..areapo.config import Config
+from ..common.errors import SwingupError, one_line, quoted
+from ..controllers.stack.policy import Policy
+from ..loop.resolve import resolve
+from ..plant.files import SHIPPED_PLANTS, is_plant_name, load_plant
+from ..plant.plant import FRICTIONLESS_SUFFIX, LEADERBOARD, ROBOTS, Plant, PlantLike, get_robot, make_plant
+from ..tasks.acrobot_swingup import IDS as ACROBOT_IDS
+from ..tasks.acrobot_swingup import acrobot_practice
+from ..tasks.adapters import AbstractAdaptedTask, as_task
+from ..tasks.pendulum import AbstractPendulumTask
+from ..tasks.presets import get_task
+from ..tasks.task import AbstractTask
+from .backend import EPISODES, AbstractBackend, check_actions, check_spaces
+from .compiled_backend import CompiledBackend, ReturnEvaluator, SwingUpEvaluator
+from .metrics import Evaluation
+from .presets import ACROBOT_PRESET, ENV_PRESET, PENDULUM_PRESET, PRESETS, get_preset
+
+CONTINUING = "swingup/Continuing"
+"""Beginning of the ids of continuing tasks (:mod:`swingup.continuing`)."""
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """How often a run is evaluated and saved, and how many episodes an evaluation has."""
+
+    evaluate_every: int = 65_536
+    """Frames of a seed between evaluations."""
+    checkpoint_every: int = 262_144
+    """Frames of a seed between checkpoints, at which the environments that the host steps are reset."""
+    evaluation_episodes: int = 5
+
+
+INTERVALS = {
+    "environment": Intervals(),
+    "robot": Intervals(checkpoint_every=1_048_576, evaluation_episodes=1),
+    # A stream of 2,000 steps for every 10,000.
+    "continuing task": Intervals(10_000, 1_000_000, 1),
+    "dm_control's acrobot": Intervals(1_048_576, 4_194_304, 128),
+}
+"""The default intervals by what is trained on."""
+
+
+class AbstractProblem(abc.ABC):
+    """What is trained on."""
+
+    name: str
+    """The robot, the id of an environment, or a description of an object that was passed in."""
+
+    @property
+    @abc.abstractmethod
+    def preset(self) -> str | None:
+        """The default preset; None: it must be named."""
+
+    @property
+    @abc.abstractmethod
+    def intervals(self) -> Intervals:
+        """The default intervals."""
+
+    @property
+    @abc.abstractmethod
+    def continuing(self) -> bool:
+        """Whether it is one endless stream, whose measure is the reward rate."""
+
+    @property
+    @abc.abstractmethod
+    def record(self) -> dict[str, Any]:
+        """What config.json keeps of it: the robot and its plant, or the environment."""
+
+    @property
+    @abc.abstractmethod
+    def command(self) -> Mapping[str, Any] | None:
+        """The options that name it on the command line, a robot's word as ``robot``; None where only Python can."""
+
+    @property
+    @abc.abstractmethod
+    def arguments(self) -> str:
+        """The arguments that name it in a call of ``swingup.AREAPO``."""
+
+    @abc.abstractmethod
+    def changes(self) -> dict[str, Any]:
+        """Hyperparameters that it brings along."""
+
+    @abc.abstractmethod
+    def on(self, env: Any) -> "AbstractProblem":
+        """The same problem on an environment that is passed in again; None: on the one that it names."""
+
+    @abc.abstractmethod
+    def check_episodes(self, episodes: int) -> None:
+        """Refuse a number of episodes that an evaluation cannot have."""
+
+    @abc.abstractmethod
+    def backend(self, preset: str, config: Config, seeds: Sequence[int], episodes: int) -> AbstractBackend:
+        """The back end that trains on it, with its evaluator."""
+
+    @abc.abstractmethod
+    def evaluate(
+        self, policy: Policy[Any], seed: int, episodes: int | None, trained: Mapping[str, Any]
+    ) -> Evaluation:
+        """Evaluate a policy that was trained elsewhere, with actions that ``trained`` describes.
+
+        Without a number of episodes it is one in each environment that was passed in, or else ``EPISODES``.
+        """
+
+    def choose_preset(self, named: str | None) -> str:
+        """The named preset, or else the default; no other code decides this."""
+        if named is None and self.preset is None:
+            fitting = ", ".join(repr(name) for name in PRESETS if name != ENV_PRESET)
+            raise SwingupError(f"no preset was named for this {self.name}: pass preset=, one of {fitting}")
+        get_preset(chosen := named or str(self.preset))
+        return chosen
+
+
+@dataclass(frozen=True)
+class RobotProblem(AbstractProblem):
+    """A robot's pendulum, judged by the benchmark's swing-up on its plant."""
+
+    name: str
+    plant: Plant = LEADERBOARD
+    """The pendulum, in whose units the task is."""
+    task: AbstractPendulumTask | None = field(default=None, compare=False, repr=False)
+    """A task in place of the preset's."""
+
+    preset = PENDULUM_PRESET
+    intervals = INTERVALS["robot"]
+    continuing = False
+
+    def __post_init__(self) -> None:
+        """Refuse what is not a robot."""
+        get_robot(self.name)
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """The robot and its plant."""
+        return {"robot": self.name, "env": None, "plant": self.plant}
+
+    @property
+    def command(self) -> Mapping[str, Any] | None:
+        """The robot, with its plant if that has a name."""
+        if self.plant == LEADERBOARD:
+            return {"robot": self.name}
+        name = self.plant.name.removesuffix(FRICTIONLESS_SUFFIX)
+        # Changed numbers may have kept a shipped plant's name.
+        if name in SHIPPED_PLANTS:
+            shipped = load_plant(name)
+            named = self.plant == (shipped if name == self.plant.name else shipped.frictionless())
+        else:
+            named = is_plant_name(name)
+        frictionless = name != self.plant.name or None
+        return {"robot": self.name, "plant": name, "frictionless": frictionless} if named else None
+
+    @property
+    def arguments(self) -> str:
+        """The robot, and its plant's numbers if it is not the leaderboards'."""
+        numbers = ", ".join(f"{name}={value!r}" for name, value in self.plant.values().items())
+        return repr(self.name) if self.plant == LEADERBOARD else f"{self.name!r}, plant=Plant({numbers})"
+
+    def changes(self) -> dict[str, Any]:
+        """None."""
+        return {}
+
+    def on(self, env: Any) -> "RobotProblem":
+        """The robot, on a task of its own if one is given."""
+        return dataclasses.replace(self, task=env if isinstance(env, AbstractPendulumTask) else None)
+
+    def check_episodes(self, episodes: int) -> None:
+        """Refuse more than the one."""
+        if episodes != 1:
+            raise SwingupError(
+                f"evaluation_episodes = {episodes}, but a robot is scored by one episode: leave it out"
+            )
+
+    def preset_task(self, preset: str) -> AbstractPendulumTask:
+        """The variant of the task that a preset trains on."""
+        return get_task(get_preset(preset).task, get_robot(self.name), self.plant)
+
+    def backend(self, preset: str, config: Config, seeds: Sequence[int], episodes: int) -> AbstractBackend:
+        """The compiled one."""
+        task = self.task or self.preset_task(preset)
+        return CompiledBackend(task, config, seeds, SwingUpEvaluator(task, self.plant))
+
+    def evaluate(
+        self, policy: Policy[Any], seed: int, episodes: int | None, trained: Mapping[str, Any]
+    ) -> Evaluation:
+        """Refused: other policies observe other things."""
+        raise SwingupError(f"env = {self.name!r}: a robot judges its own policies, without env")
+
+
+@dataclass(frozen=True)
+class TaskProblem(AbstractProblem):
+    """A task in JAX, scored by the mean return of its episodes."""
+
+    name: str
+    task: AbstractTask[Any] = field(compare=False, repr=False)
+    judged: AbstractTask[Any] | None = field(default=None, compare=False, repr=False)
+    """The task that scores policies, if it is another."""
+
+    intervals = INTERVALS["environment"]
+    continuing = False
+    command = None
+    arguments = "env"
+
+    @property
+    def preset(self) -> str | None:
+        """None for a pendulum's task: its numbers suit several presets."""
+        return None if isinstance(self.task, AbstractPendulumTask) else ENV_PRESET
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """The description."""
+        return {"robot": None, "env": self.name}
+
+    def changes(self) -> dict[str, Any]:
+        """None."""
+        return {}
+
+    def on(self, env: Any) -> AbstractProblem:
+        """The same name on another environment."""
+        return self if env is None else _passed_in(self.name, env)
+
+    def check_episodes(self, episodes: int) -> None:
+        """Refuse none."""
+        if not episodes:
+            raise SwingupError("evaluation_episodes = 0, but a task in JAX is scored by episodes: use 1 or more")
+
+    def backend(self, preset: str, config: Config, seeds: Sequence[int], episodes: int) -> AbstractBackend:
+        """The compiled one."""
+        self.check_episodes(episodes)
+        evaluator = ReturnEvaluator(self.judged or self.task, seeds[0], episodes)
+        return CompiledBackend(self.task, config, seeds, evaluator)
+
+    def evaluate(
+        self, policy: Policy[Any], seed: int, episodes: int | None, trained: Mapping[str, Any]
+    ) -> Evaluation:
+        """Play episodes of the task."""
+        check_spaces(policy, self.task.spaces)
+        evaluator = ReturnEvaluator(self.task, seed, episodes or EPISODES)
+        check_actions(trained, evaluator.described_actions)
+        return evaluator.evaluate(policy)
+
+
+@dataclass(frozen=True)
+class HostProblem(AbstractProblem):
+    """An environment that the host steps: a Gymnasium id, or what makes environments or is one."""
+
+    name: str
+    env: Any = field(compare=False, repr=False)
+    """What the name describes; None where it is not known."""
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """The id or the description."""
+        return {"robot": None, "env": self.name}
+
+    @property
+    def continuing(self) -> bool:
+        """Whether it is one of the continuing tasks."""
+        return self.name.startswith(CONTINUING)
+
+    @property
+    def preset(self) -> str | None:
+        """That of dm_control's acrobot, or of every other environment."""
+        return ACROBOT_PRESET if self.name in ACROBOT_IDS else ENV_PRESET
+
+    @property
+    def intervals(self) -> Intervals:
+        """Those of a continuing task, of dm_control's acrobot or of every other environment."""
+        if self.continuing:
+            return INTERVALS["continuing task"]
+        return INTERVALS["dm_control's acrobot" if self.name in ACROBOT_IDS else "environment"]
+
+    @property
+    def command(self) -> Mapping[str, Any] | None:
+        """The id."""
+        return None if self.name.startswith("<") else {"env": self.name}
+
+    @property
+    def arguments(self) -> str:
+        """The id or the object."""
+        return "env" if self.command is None else repr(self.name)
+
+    def changes(self) -> dict[str, Any]:
+        """Environments that were passed in keep their number."""
+        if self.env is None or isinstance(self.env, str):
+            return {}
+        # Imported here: Gymnasium is slow to load, and neither robots nor ids need it yet.
+        from .environments import own_number
+
+        own = own_number(self.env)
+        return {} if own is None else {"num_envs": own}
+
+    def on(self, env: Any) -> AbstractProblem:
+        """The same name on another environment."""
+        return self if env is None else _passed_in(self.name, env)
+
+    def check_episodes(self, episodes: int) -> None:
+        """Any number: with none, the training episodes give the score."""
+
+    def backend(self, preset: str, config: Config, seeds: Sequence[int], episodes: int) -> AbstractBackend:
+        """The host's; dm_control's acrobot has a task in JAX for its own preset."""
+        if self.env is None:
+            raise SwingupError(f"this run's environment was passed in ({self.name}): pass it again as env")
+        if preset == ACROBOT_PRESET and self.env in ACROBOT_IDS:
+            practice = acrobot_practice(ACROBOT_IDS[self.env])
+            return TaskProblem(self.name, practice, practice.judged).backend(preset, config, seeds, episodes)
+        from .host_backend import HostBackend
+
+        return HostBackend(self.env, self.name, config, seeds, episodes)
+
+    def evaluate(
+        self, policy: Policy[Any], seed: int, episodes: int | None, trained: Mapping[str, Any]
+    ) -> Evaluation:
+        """Play episodes in new environments, or in the one that was passed in."""
+        from .host_backend import play_once
+
+        return play_once(policy, self.env, episodes, seed, trained)
+
+
+def make_problem(env: Any, plant: PlantLike | None = None) -> AbstractProblem:
+    """What is trained on, from all that ``swingup.AREAPO`` takes as ``env``.
+
+    Args:
+        env: a robot's name, a Gymnasium id, an environment, what makes environments, a task in JAX, or an
+            environment of gymnax or envelope.
+        plant: a robot's pendulum: a plant, its name or its file; None for the leaderboards'.
+
+    Raises:
+        SwingupError: the environment cannot be adapted, or a plant is given without a robot.
+    """
+    if isinstance(env, str) and env in ROBOTS:
+        return RobotProblem(env, LEADERBOARD if plant is None else resolve(plant).facts)
+    if plant is not None:
+        raise SwingupError(f"a plant goes with a robot, not with {one_line(env, 80)}")
+    return _passed_in(None, env)
+
+
+def problem_from_record(content: Mapping[str, Any]) -> AbstractProblem:
+    """The inverse of ``record``; an environment that was passed in is not known then."""
+    robot, env, given = content["robot"], content["env"], content.get("plant")
+    if (robot is None) == (env is None):
+        raise SwingupError(f"robot = {quoted(robot)} and env = {quoted(env)}: one of the two is trained on")
+    if not isinstance(name := env if robot is None else robot, str):
+        raise SwingupError(f"{quoted(name)} is not a robot or an environment")
+    if robot is not None:
+        plant = LEADERBOARD if given is None else make_plant(given, "its plant", str(given["name"]))
+        return RobotProblem(robot, plant)
+    if given is not None:
+        raise SwingupError(f"a plant goes with a robot, not with {one_line(env, 80)}")
+    return HostProblem(env, None if env.startswith("<") else env)
+
+
+def _passed_in(name: str | None, env: Any) -> AbstractProblem:
+    """The problem of an environment that was passed in, by its own name or a given one."""
+    adapted = as_task(env)
+    name = _describe(adapted) if name is None else name
+    return TaskProblem(name, adapted) if isinstance(adapted, AbstractTask) else HostProblem(name, adapted)
+
+
+def _describe(env: Any) -> str:
+    """A name for an environment: its id, or its type or function in angle brackets."""
+    if isinstance(env, str):
+        return env
+    if isinstance(env, list | tuple) and env:
+        env = env[0]
+    if isinstance(env, AbstractAdaptedTask):
+        env = env.named_after
+    named = env if hasattr(env, "__qualname__") else type(env)
+    return f"<{named.__module__}.{named.__qualname__}>"
