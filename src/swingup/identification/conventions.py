@@ -9,7 +9,7 @@ import itertools
 import math
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -18,12 +18,11 @@ from jaxtyping import Float
 from ..common.columns import DEGREE, NEEDS_CONSTANT, TURN, UNITS, MappedColumn, unit_of, unit_size
 from ..common.errors import SwingupError
 from .log_checks import slopes_of
-from .prediction import INDEX, Integration
+from .prediction import Integration
 from .recording import Recording
 from .regression import AS_IS, MINIMUM_SPANS, ColumnMap, Solution, cut_spans, regress
 from .scoring import prediction_skill
 from .segments import Segments
-from .unknowns import KNOWN_NAMES, MASSES, Problem
 
 LIKELIER_COST = math.log(2.0)
 """Difference of costs from which another map is named: real logs have at most log 1.4."""
@@ -42,9 +41,6 @@ FREE_FALL = (0.1, 0.15)
 predictions have a larger error than this; recordings of free falls have 0.07 and 0.09."""
 MISMATCH_RATIO = 1.5
 """Ratio of the angles' slopes to recorded velocities, or its inverse, that noise does not explain."""
-NOTABLE_FACTOR = 1.3  # A common factor of the masses that is worth a note
-FAR_FACTOR = 2.5
-"""A factor of one mass or inertia that is worth a note; the bounds of the fit are 10 times the start's."""
 TORQUE_SIZES = tuple(np.geomspace(1e-4, 10.0, 101).tolist())  # sizes (N m) that the torques' unit may have
 SIMILAR_UNIT = 1.5  # ratio to the likeliest size up to which a unit is named
 MAXIMUM_SPEED = 400.0  # speed (rad/s) that no map may give
@@ -374,24 +370,3 @@ def _check_foreign(
         f"the pendulum is not near the starting plant: {_share(plain)} of the motion stays unexplained; "
         "check units and columns, or give another --start"
     )
-
-
-def mass_notes(problem: Problem, model: Float[np.ndarray, "15"], recording: Recording) -> list[str]:
-    """Masses that are far from the starting plant's, all by one factor where torques have another unit."""
-    ratios = {name: float(model[INDEX[name]] / problem.start[INDEX[name]]) for name in MASSES[:4]}
-    first, second = ratios["k"], ratios["m2r2"]
-    # One common factor speaks of the torques, unequal ones of another pendulum.
-    factor, unequal = math.sqrt(first * second), max(first / second, second / first)
-    notable = unequal <= NOTABLE_FACTOR and not 1 / NOTABLE_FACTOR < factor < NOTABLE_FACTOR
-    if notable and problem.driven and not problem.knows_mass:
-        words = shlex.join(remedy(recording, replace(AS_IS, torques=_SAME * float(f"{1 / factor:.3g}"))))
-        return [
-            f"all masses are about {factor:.2g} times the starting plant's: if that one is right, the torques are "
-            f"{1 / factor:.3g} times those of the log, as before a gear, or as currents: --columns {words}"
-        ]
-    names = {entry: name for name, entry in KNOWN_NAMES.items()}
-    far = {names[entry]: ratio for entry, ratio in ratios.items() if not 1 / FAR_FACTOR < ratio < FAR_FACTOR}
-    if not far:
-        return []
-    factors = ", ".join(f"{name} {ratio:.2g} times" for name, ratio in far.items())
-    return [f"far from the starting plant's: {factors}; check units and conventions, or give another --start"]

@@ -1,15 +1,19 @@
 """What a fit found, under the names of results: estimates, intervals, and what the logs leave open."""
 
+import math
+import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from ..plant.base_parameters import BASE_NAMES
+from .conventions import remedy
 from .prediction import INDEX, NAMES
 from .recording import Recording
-from .unknowns import MASSES, Problem, Unknowns
+from .regression import AS_IS
+from .unknowns import KNOWN_NAMES, MASSES, Problem, Unknowns
 
 TITLES = {"A": "I1 + m2 l1^2", "B": "I2", "m2r2": "m2 r2", "k": "m1 r1 + m2 l1", "gain1": "torque gain"}
 """Names of a model's entries in results; the others keep theirs. Of A, results have what link 1 adds: A - B."""
@@ -28,6 +32,9 @@ WIDEST_INTERVAL = (
 """The same in words."""
 SCALE_SPREAD = 0.5  # standard deviation of the logarithm of a common factor that no torque fixes
 FEW_WINDOWS = 10
+NOTABLE_FACTOR = 1.3  # a common factor of the masses that is worth a note
+FAR_FACTOR = 2.5
+"""A factor of one mass or inertia that is worth a note; the bounds of the fit are 10 times the start's."""
 
 Interval = tuple[float, float]
 
@@ -149,3 +156,24 @@ def _scale(problem: Problem) -> str:
         "masses, inertias and frictions are relative to the torque: if the motors deliver less than the log says, "
         "all are smaller by that factor (fix one scale with --known)"
     )
+
+
+def mass_notes(problem: Problem, model: Float[np.ndarray, "15"], recording: Recording) -> list[str]:
+    """Masses that are far from the starting plant's, all by one factor where torques have another unit."""
+    ratios = {name: float(model[INDEX[name]] / problem.start[INDEX[name]]) for name in MASSES[:4]}
+    first, second = ratios["k"], ratios["m2r2"]
+    # One common factor speaks of the torques, unequal ones of another pendulum.
+    factor, unequal = math.sqrt(first * second), max(first / second, second / first)
+    notable = unequal <= NOTABLE_FACTOR and not 1 / NOTABLE_FACTOR < factor < NOTABLE_FACTOR
+    if notable and problem.driven and not problem.knows_mass:
+        words = shlex.join(remedy(recording, replace(AS_IS, torques=np.eye(2) * float(f"{1 / factor:.3g}"))))
+        return [
+            f"all masses are about {factor:.2g} times the starting plant's: if that one is right, the torques are "
+            f"{1 / factor:.3g} times those of the log, as before a gear, or as currents: --columns {words}"
+        ]
+    names = {entry: name for name, entry in KNOWN_NAMES.items()}
+    far = {names[entry]: ratio for entry, ratio in ratios.items() if not 1 / FAR_FACTOR < ratio < FAR_FACTOR}
+    if not far:
+        return []
+    factors = ", ".join(f"{name} {ratio:.2g} times" for name, ratio in far.items())
+    return [f"far from the starting plant's: {factors}; check units and conventions, or give another --start"]
