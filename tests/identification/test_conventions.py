@@ -9,6 +9,7 @@ from scipy.io import savemat
 from synthetic import HEADER, TRUTH, simulate, write
 
 from refusals import refusal
+from swingup.common import array_files
 from swingup.identification.conventions import check_columns, find_columns
 from swingup.identification.prediction import integration_of, vector_of
 from swingup.identification.recording import read_recording
@@ -229,6 +230,16 @@ def test_files_of_other_programs(tmp_path, table, name):
         assert found == words.split("|" if "|" in words else " ")
     right = write(tmp_path / "right.csv", table * [*6 * [1], name != "one torque"])
     assert_same(read_recording(path, columns=found), read_recording(right), steps=1e-9)
+
+
+def test_unpacked_arrays_have_one_bound_together(tmp_path, monkeypatch):
+    """A compressed file may unpack to a thousand times its size, in one variable or in many."""
+    monkeypatch.setattr(array_files, "LARGEST_ARRAYS", 200_000)
+    columns = {name: np.zeros(10_000) for name in SHORT[:3]}  # 80 kB each
+    savemat(tmp_path / "log.mat", columns, do_compression=True)
+    np.savez_compressed(tmp_path / "log.npz", **columns)
+    for ending in ("mat", "npz"):
+        assert "it is another kind of file" in refusal(read_recording, tmp_path / f"log.{ending}")
 
 
 MALFORMED = {

@@ -1,4 +1,4 @@
-"""Identify a pendulum and its loop from logs: the parameters, how sure they are, and errors on held-out motion."""
+"""Identify a pendulum and its loop from logs: parameters, their intervals, and errors on held-out motion."""
 
 import contextlib
 from collections.abc import Mapping, Sequence
@@ -28,7 +28,7 @@ from .unknowns import Problem, known_entries, session_numbers
 
 @dataclass(frozen=True)
 class Identification:
-    """A fitted plant and loop, with what a reader needs to trust it."""
+    """A fitted plant and loop, with intervals, held-out errors and notes."""
 
     plant: Plant
     """A physically consistent pendulum with the fitted base parameters."""
@@ -37,9 +37,9 @@ class Identification:
     errors: Mapping[str, Errors]
     """Errors of the fitted model and of the starting plant, on held-out motion."""
     domain: Mapping[str, Any]
-    """Ranges of plant and loop: what was not determined stays wide."""
+    """Ranges of plant and loop, which stay wide where a value was not determined."""
     notes: Sequence[str]
-    """What a user should know of the logs and the fit."""
+    """Notes on the logs and the fit, one line each."""
     start_name: str
     setting: Integration
     recordings: Sequence[Recording]
@@ -124,14 +124,13 @@ def identify(
         judged = replace(judged, log=judged.log + len(recordings))
     else:
         judged, kept = hold_out(score_windows(recordings), windows)
-    # Both plants are judged on held-out motion, so that neither may have seen it: the start has its own delay and
-    # lag.
+    # The starting plant gets its best delay and lag too, fitted to the same motion: otherwise the comparison would
+    # favour the fit.
     start_fit = fit_start(problem, kept)
     solution = fit_all(problem, kept, start_fit)
     start_models = start_fit[numbers]
     share = _best_share(setting, solution, start_models, judged, numbers)
-    # The parameters that are handed out use all motion; the errors stay those of the fit that did not see what it
-    # is judged on.
+    # The reported parameters use all motion. The errors stay those of the fit without the held-out motion.
     final = solution
     if not tests and len(kept):
         final = fit(setting, windows, solution.unknowns, solution.z, WARM_STAGES)
@@ -163,7 +162,7 @@ def identify(
 
 
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
-"""Parts of the way from the starting plant to the fit, of which the best on held-out motion is taken."""
+"""Shares of the way from the starting plant to the fit that are tried on held-out motion."""
 
 
 def _best_share(

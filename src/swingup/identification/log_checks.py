@@ -14,14 +14,14 @@ from ..common.errors import SwingupError
 from ..common.table import spread_evenly
 
 TURNS = (1.0, 2.0 * np.pi, 360.0, *(float(2**k) for k in range(8, 21)), 1000.0, 2000.0, 4000.0, 10000.0)
-"""What an angle may wrap at, in units that logs have."""
-FILLED_SHARE = 0.7  # share of a turn that angles which wrap reach
+"""Angles at which encoders wrap, in the units of logs."""
+FILLED_SHARE = 0.7  # share of a turn that angles must fill to count as wrapped
 
 NEAR_ROWS, NEAR_TIME = 4, 0.02  # rows and time (s) to each side whose median slope predicts the next angle
 MINIMUM_JUMP, ACCELERATION = 0.15, 400.0
-"""Least jump (rad), and acceleration (rad/s²) that makes none: smaller jumps are noise, or the pendulum's own."""
-UNLIKELY_DEVIATIONS = 20.0  # A jump beyond so many median deviations is not noise
-MINIMUM_PIECE = 0.1  # A piece between two jumps that is shorter (s) is a dropout
+"""Minimum jump (rad), and the acceleration (rad/s²) that explains more: smaller ones are noise or motion."""
+UNLIKELY_DEVIATIONS = 20.0  # a larger jump, in median deviations, is not noise
+MINIMUM_PIECE = 0.1  # a shorter piece between two jumps (s) is a dropout
 
 
 def one_clock(
@@ -75,7 +75,7 @@ def cut_episodes(
     """
     keep, dropped = np.ones(len(time), bool), 0
     rows = np.flatnonzero(fresh)
-    for _ in range(3):  # a dropout hides what is beside it
+    for _ in range(3):  # a dropout hides the jumps beside it
         jumps = _jumps(time[rows], q[rows], longest)
         bounds = [0, *(jumps + 1).tolist(), len(rows)]
         lost = [
@@ -125,15 +125,15 @@ def _jumps(time: np.ndarray, q: np.ndarray, longest: float) -> np.ndarray:
     return np.flatnonzero(far.any(axis=1) & (steps <= longest))
 
 
-MINIMUM_DURATION = 0.8  # least duration of a log (s): a window of prediction lasts 0.5 s
+MINIMUM_DURATION = 0.8  # minimum duration of a log (s): a window of prediction lasts 0.5 s
 MINIMUM_ROWS = 6  # rows with a measurement of their own that a smoother needs: its cubic has four coefficients
 MINIMUM_POSITIONS = 20
-"""Different pairs of angles that a log needs: base parameters and friction are nine numbers and four."""
-MAXIMUM_PERIOD = 0.1  # longest median period (s): a pendulum moves too far between rows
+"""Different pairs of angles that a log needs, for nine base parameters and four of the loop."""
+MAXIMUM_PERIOD = 0.1  # maximum median period (s): a pendulum moves too far between rows
 SLOW_PERIOD = 0.0315
-"""Median period (s) from which parameters come out wrong: those of C.1 by a quarter at 20 Hz."""
+"""Median period (s) from which parameters are biased: those of C.1 by a quarter at 20 Hz."""
 USUAL_PERIODS = (2e-4, 0.06)  # usual periods (s), which tell the unit of a time
-MINIMUM_MOTION = 2e-3  # least range of an angle (rad)
+MINIMUM_MOTION = 2e-3  # minimum range of an angle (rad)
 SATURATED_SHARE = 0.25  # share of rows at the largest torque from which a motor counts as saturated
 GAP, GAP_PERIODS = 0.06, 20.0
 """A longer time between rows, in s and in median periods, is a gap that no prediction crosses."""
@@ -172,7 +172,7 @@ def check_fresh(name: str, fresh: Bool[np.ndarray, "rows"], q: Float[np.ndarray,
         raise SwingupError(
             f"{name} has {count} different rows, the others repeat the one before: use {MINIMUM_ROWS} or more"
         )
-    # Rounded angles repeat, and repeated equations tell nothing new.
+    # Rounded angles repeat, and repeated equations add no information.
     positions = len(np.unique(q, axis=0))
     if positions < MINIMUM_POSITIONS:
         raise SwingupError(
@@ -197,7 +197,7 @@ def find_warnings(
     measured: Float[np.ndarray, "rows 2"] | None,
     fresh: Bool[np.ndarray, "rows"],
 ) -> list[str]:
-    """What a user should know of a log that can be used: one line for each finding."""
+    """Warnings about a log that can be used, one line for each fault."""
     found = []
     periods = np.diff(time)
     period, longest = float(np.median(periods)), float(periods.max())

@@ -40,7 +40,7 @@ MAXIMUM_ERROR = 1e3
 
 
 class Integration(NamedTuple):
-    """What of a plant is known, and how its motion is integrated; hashable, it is compiled in."""
+    """The known geometry of a plant, and how its motion is integrated; hashable, since it is compiled in."""
 
     geometry: Geometry
     steepness: float  # slope of the smoothed Coulomb friction (s/rad)
@@ -70,7 +70,7 @@ def vector_of(p: Plant, delay: float = 0.004, lag: float = 0.002) -> Float[np.nd
 
 
 def in_loop(model: Float[np.ndarray, "15"], values: Mapping[str, float]) -> Float[np.ndarray, "15"]:
-    """A model's vector with what is known of its loop, by the names of its entries; other names are ignored."""
+    """A model's vector with known values of its loop, by the names of its entries; other names are ignored."""
     known = [name for name in NAMES[len(BASE_NAMES) :] if name in values]
     changed = model.copy()
     changed[[INDEX[name] for name in known]] = [values[name] for name in known]
@@ -164,7 +164,7 @@ def acting_torques(
     a = setting.step / lag
     after = jnp.exp(-a * jnp.arange(memory))
     weights = jnp.concatenate([(1.0 - (1.0 - jnp.exp(-a)) / a)[None], (1.0 - jnp.exp(-a)) ** 2 / a * after])
-    # What the lag remembers beyond its memory would otherwise be lost, and with it torque.
+    # The response after the memory's end is cut off: without this the mean torque would be too small.
     weights = weights / weights.sum()
     rows = jnp.arange(steps)[:, None] + memory - jnp.arange(memory + 1)
     return jnp.einsum("k,skj->sj", weights, mean[rows])

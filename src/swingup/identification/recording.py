@@ -1,7 +1,7 @@
-"""Recordings of a double pendulum: what RealAIGym's and CloudPendulum's logs say, as arrays.
+"""Recordings of a double pendulum: logs such as RealAIGym's and CloudPendulum's, as arrays.
 
 A log is read by the names of its columns. Periods may be uneven, and rows may repeat. Velocities and torques may be
-missing. What cannot be used is refused here; what can be used with care is a warning of the recording.
+missing. A log that no fit can use is refused here; faults that a fit can bear are warnings of the recording.
 """
 
 import shlex
@@ -45,10 +45,10 @@ DIFFERENCES = 1e-3
 
 MAXIMUM_FAULTS = 0.05  # largest share of rows whose time does not increase
 
-NOTABLE_SHARE = 0.005  # share of rows without a torque from which it is worth a note
+NOTABLE_SHARE = 0.005  # share of rows without a torque that is worth a note
 
 REPEAT_MOTION = 0.25
-"""Motion between two rows, in steps of an encoder, with which they should differ: of four such rows one does."""
+"""Motion between two rows, in steps of an encoder, from which equal angles count as a repeated measurement."""
 
 
 @dataclass(frozen=True)
@@ -76,9 +76,9 @@ class Recording:
     commanded: bool
     """Whether ``u`` was commanded; otherwise it was measured, or the log has no torques."""
     warnings: tuple[str, ...] = ()
-    """What a user should know of this log, one line each."""
+    """Faults of this log that its user should know, one line each."""
     sources: Mapping[str, MappedColumn] = field(default_factory=dict)
-    """What of the file each column is."""
+    """Each column in terms of the file's columns."""
     pairs: tuple[tuple[str, ...], ...] = ()
     """Names of the columns of both joints that were read."""
     turn: float | None = None
@@ -150,7 +150,7 @@ def read_recording(path: str | Path, columns: Sequence[str] = (), force: bool = 
 
 
 def _check_torques(name: str, table: Table, pairs: Collection[tuple[str, ...]]) -> None:
-    """Refuse a log in which torques are there under other names, or of one joint alone."""
+    """Refuse a log whose torques have other names, or are those of one joint alone."""
     if any(names in pairs for names in _COMMANDS if names):
         return
     wanted = _COMMANDS[0]

@@ -1,4 +1,4 @@
-"""What a fit found, under the names of results: estimates, intervals, and what the logs leave open."""
+"""Results of a fit under the names that users see: estimates, intervals, and what the logs leave open."""
 
 import math
 import shlex
@@ -25,7 +25,7 @@ SESSION_ENTRIES = (*NAMES[9:12], *NAMES[13:])
 
 LEVEL = 0.95  # probability of an interval
 NARROW_INTERVAL = 0.25  # an interval as wide as this part of its value, or narrower, is determined
-OFFSET_SIZE = 0.1  # what the interval of an offset is measured by (rad): its value may be 0
+OFFSET_SIZE = 0.1  # reference for the interval of an offset (rad), whose value may be 0
 WIDEST_INTERVAL = (
     f"{100 * NARROW_INTERVAL:g} % of the value, or {1e3 * NARROW_INTERVAL * OFFSET_SIZE:g} mrad of an offset"
 )
@@ -46,7 +46,7 @@ class Estimates:
     values: Mapping[str, float]
     intervals: Mapping[str, Interval]
     determined: Mapping[str, bool]
-    """Whether the logs determine a value: of every name, and of what logs never determine."""
+    """Whether the logs determine a value, for every name; false for those that no log determines."""
 
 
 def read_solution(
@@ -78,7 +78,7 @@ def read_solution(
     determined = {name: high - low <= NARROW_INTERVAL * sizes[name] for name, (low, high) in intervals.items()}
     # Not A: of a known I1 + I2 + m2 l1² results have A - B, which I2 leaves open.
     determined |= {TITLES.get(name, name): True for name in problem.known if name != "A"}
-    # Logs tell products of these, and a first session's torque gain is 1 by convention.
+    # Logs determine products of these, and a first session's torque gain is 1 by convention.
     determined |= dict.fromkeys(("m1", "m2", "r1", "r2", "I1"), False)
     determined.setdefault(TITLES["gain1"], False)
     return Estimates(found, intervals, determined)
@@ -162,7 +162,7 @@ def mass_notes(problem: Problem, model: Float[np.ndarray, "15"], recording: Reco
     """Masses that are far from the starting plant's, all by one factor where torques have another unit."""
     ratios = {name: float(model[INDEX[name]] / problem.start[INDEX[name]]) for name in MASSES[:4]}
     first, second = ratios["k"], ratios["m2r2"]
-    # One common factor speaks of the torques, unequal ones of another pendulum.
+    # A wrong unit of torque scales all masses alike; unequal factors mean another pendulum.
     factor, unequal = math.sqrt(first * second), max(first / second, second / first)
     notable = unequal <= NOTABLE_FACTOR and not 1 / NOTABLE_FACTOR < factor < NOTABLE_FACTOR
     if notable and problem.driven and not problem.knows_mass:

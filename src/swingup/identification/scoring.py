@@ -46,7 +46,7 @@ Errors = Mapping[str, ErrorRow]  # by horizon (s), as in "0.25"
 
 
 def score_windows(recordings: Sequence[Recording]) -> Segments:
-    """The windows that the scoring looks at."""
+    """The windows of the fixed scoring."""
     return join([cut_windows(recording, LENGTH, log=log) for log, recording in enumerate(recordings)])
 
 
@@ -76,7 +76,7 @@ def error_row(errors: Float[np.ndarray, "windows 4"]) -> ErrorRow:
 
 
 def hold_out(everything: Segments, windows: Segments) -> tuple[Segments, Segments]:
-    """What is judged of all windows of the scoring, and what is fitted: windows that share no time with them."""
+    """Held-out windows of the scoring, and the windows of a fit that share no time with them."""
     judged = everything.take(_held_out(everything))
     free = np.ones(len(windows), bool)
     for log in np.unique(judged.log):
@@ -123,7 +123,7 @@ MAXIMUM_HORIZON = 1.0  # the longest horizon (s)
 SPEED_HORIZON = 0.25  # horizon of the errors by speed (s)
 SPEED_GROUPS = 4  # groups of equally many windows, from slow to fast
 DRAWN_STEP = 0.01  # time between the states of a curve (s)
-MAXIMUM_DRAWN = 1e3  # A state beyond this (rad, rad/s) has diverged: it is not drawn
+MAXIMUM_DRAWN = 1e3  # a larger state (rad, rad/s) has diverged: it is not drawn
 
 
 @dataclass(frozen=True)
@@ -137,13 +137,13 @@ class SpeedRow:
 
 @dataclass(frozen=True)
 class OpenLoop:
-    """What a plant predicts of a log."""
+    """A plant's predictions of a log, and their errors."""
 
     name: str  # name of the plant
     setting: Integration
     model: Float[np.ndarray, "15"]  # ``prediction.NAMES``
     fitted: tuple[str, ...]
-    """Those of delay and lag that were fitted to this log, since plant and domain do not say them."""
+    """Which of delay and lag were fitted to this log, because plant and domain have no value."""
     horizons: Errors
     speeds: Sequence[SpeedRow]
 
@@ -214,9 +214,9 @@ def smoothed(recording: Recording, period: float) -> tuple[np.ndarray, np.ndarra
 
 
 def _start(domain: Domain, vector: Float[np.ndarray, "15"]) -> Float[np.ndarray, "15"]:
-    """The model's vector with what the domain says of the loop."""
+    """The model's vector with the domain's values of the loop."""
     values = {name: domain.nominal.value(name) for name in domain.names}
     if "response" in values:
-        # Of a change of torque, a first-order lag makes this part within a step of the loop.
+        # ``response`` is the share of a change of torque that a first-order lag makes within a step of the loop.
         values.setdefault("lag", -LOOP_DT / np.log1p(-min(values["response"], 0.999)))
     return in_loop(vector, values)

@@ -18,7 +18,7 @@ from .log_checks import MINIMUM_ROWS
 from .recording import Recording
 
 REACH = 0.02  # half width of the polynomial's support (s)
-DEGREE = 3  # A parabola's slope would be wrong by q''' (20 ms)² / 10, which is 2 rad/s on links of 5 cm
+DEGREE = 3  # a parabola's slope would be wrong by q''' (20 ms)² / 10, which is 2 rad/s on links of 5 cm
 CHUNK = 4096  # times that are smoothed at once, which bounds the memory
 
 
@@ -60,7 +60,7 @@ def _supports(time: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarr
 STRIDE = 0.1  # time between the starts of two windows (s)
 FIT_LENGTH = 0.25  # length of the windows of a fit (s)
 INTERVAL = 0.05  # time between the states of a window (s)
-MINIMUM_SPEED = 1.0  # A segment in which no joint is faster (rad/s) says little: it is left out
+MINIMUM_SPEED = 1.0  # a segment in which no joint is faster (rad/s) has little information: it is left out
 
 TORQUE_STEP = 0.0005  # spacing of the torques' integral over a window (s)
 HISTORY = 0.06
@@ -93,7 +93,7 @@ class Segments:
         return self.start[:, None] + self.offsets
 
     def take(self, rows: np.ndarray) -> "Segments":
-        """Some of the segments, by their numbers or by truth values."""
+        """Select segments by their numbers or by truth values."""
         return replace(self, **{name: getattr(self, name)[rows] for name in BY_SEGMENT})
 
 
@@ -121,7 +121,7 @@ class Layout(NamedTuple):
     length: float
     states: Float[np.ndarray, "points"]
     speeds: Float[np.ndarray, "looks"]  # at which joints may be fast
-    impulse: Float[np.ndarray, "grid"]  # after ``history`` before the start
+    impulse: Float[np.ndarray, "grid"]  # counted from ``history`` before the start
     history: float
 
 

@@ -27,14 +27,14 @@ KNOWN_NAMES = {
     "m1r1+m2l1": "k", "m2r2": "m2r2", "I1+I2+m2l1^2": "A", "I2": "B", "Ir": "Ir", "b1": "b1",
     "b2": "b2", "cf1": "cf1", "cf2": "cf2", "gain": "gain1", "delay": "delay", "lag": "lag",
 }  # fmt: skip
-"""Names that a user gives, and the model's."""
+"""The model's entries by the names of ``--known``."""
 LATENCY = ("delay", "lag")
 MINIMUM_DELAY, MAXIMUM_DELAY, MAXIMUM_LAG = -0.015, 0.025, 0.015
-"""Bounds of the fit (s). Below 0 only torques that were measured, and so late themselves."""
+"""Bounds of the fit (s). A delay below 0 is possible for measured torques alone, which are late themselves."""
 
 
 class Expectation(NamedTuple):
-    """What is expected of one entry before any log is read."""
+    """The prior of one entry, before any log is read."""
 
     centre: float
     scale: float
@@ -89,7 +89,7 @@ class Unknowns:
 
 
 def expectations(setting: Integration, start: Float[np.ndarray, "15"], commanded: bool) -> dict[str, Expectation]:
-    """What is expected around a starting plant.
+    """The priors around a starting plant.
 
     Friction is measured by the torque of gravity on the shoulder: 5 % of it is Coulomb friction of one scale.
     """
@@ -117,7 +117,7 @@ def expectations(setting: Integration, start: Float[np.ndarray, "15"], commanded
 
 @dataclass(frozen=True)
 class Problem:
-    """What all fits share."""
+    """The data of all fits of one identification."""
 
     setting: Integration
     start: Float[np.ndarray, "15"]  # the starting plant's model
@@ -162,7 +162,7 @@ class Problem:
         return Unknowns(owners, np.array(entries, int), place, fixed, centre, scale, spread, low, high)
 
     def _free(self, session: int, driven: bool, plant: bool) -> list[str]:
-        """What a session brings: the first one the plant, which all share, and each its loop."""
+        """Unknowns of a session: each has its loop, and the first one the plant that all share."""
         loop = LATENCY if driven else ()
         if not plant:
             return [*loop]
