@@ -40,7 +40,7 @@ COMMON_FILES = tuple(
 )
 """What the folders ``plant`` and ``policy`` need besides themselves; a test runs them without the rest."""
 
-NOT_ON_ROBOTS = ("chain.py", "model_file.py", "measured.py")
+NOT_ON_ROBOTS = ("chain.py", "measured.py", "model_file.py", "model_formats.py")
 """What reads and writes plants' files of other kinds."""
 
 GUARDED_NOTE = (

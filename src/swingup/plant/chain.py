@@ -42,12 +42,9 @@ class Part(NamedTuple):
 
     body: str
     mass: float
-    centre: Vector
-    """Centre of mass (m)."""
-    inertia: np.ndarray
-    """(3, 3) (kg m²)."""
-    stated: bool
-    """Whether the file states the inertia of a body that a joint carries, which may then be about the joint."""
+    centre: Vector  # centre of mass (m)
+    inertia: np.ndarray  # (3, 3) (kg m²)
+    stated: bool  # whether the file states the inertia of a body with a joint, which may then be about the joint
 
 
 @dataclass(frozen=True)
@@ -55,25 +52,17 @@ class Link:
     """A joint with all that moves with it, up to the next joint."""
 
     joint: str
-    body: str
-    """The body that the joint carries."""
+    body: str  # the body that the joint carries
     axis: Vector
-    anchor: Vector
-    """A point of the axis (m)."""
+    anchor: Vector  # a point of the axis (m)
     damping: float
-    coulomb: float
-    """Coulomb friction as a plant has it (N m)."""
-    armature: float
-    """Inertia that a motor adds to this joint alone (kg m²)."""
-    limit: float | None
-    """Torque limit (N m); None where the file does not say it."""
-    zero: float
-    """The joint's own angle where the file draws it (rad)."""
+    coulomb: float  # coulomb friction as a plant has it (N m)
+    armature: float  # inertia that a motor adds to this joint alone (kg m²)
+    limit: float | None  # torque limit (N m); None where the file does not say it
+    zero: float  # the joint's own angle where the file draws it (rad)
     parts: list[Part] = field(default_factory=list)
-    marks: list[tuple[str, Vector]] = field(default_factory=list)
-    """Named frames, which may be the tip."""
-    ends: list[Vector] = field(default_factory=list)
-    """Ends of shapes, which may be the tip."""
+    marks: list[tuple[str, Vector]] = field(default_factory=list)  # named frames, which may be the tip
+    ends: list[Vector] = field(default_factory=list)  # ends of shapes, which may be the tip
 
 
 Relation: TypeAlias = tuple[float, float]
@@ -84,22 +73,17 @@ Relation: TypeAlias = tuple[float, float]
 class Model:
     """What a model file says of a double pendulum."""
 
-    facts: dict[str, float]
-    """A plant's numbers by name; without those that the file does not say."""
-    notes: list[str]
-    """What was left out, or chosen."""
-    angles: tuple[Relation, Relation]
-    """How q1 and q2 follow from the file's angles."""
+    facts: dict[str, float]  # a plant's numbers by name; without those that the file does not say
+    notes: list[str]  # what was left out, or chosen
+    angles: tuple[Relation, Relation]  # how q1 and q2 follow from the file's angles
 
 
 class _Plane(NamedTuple):
     """The vertical plane of the motion."""
 
-    axis: Vector
-    """The axis of link 1's joint."""
+    axis: Vector  # the axis of link 1's joint
     down: Vector
-    side: Vector
-    """Where a link that hangs moves first, when it turns about the axis."""
+    side: Vector  # where a link that hangs moves first, when it turns about the axis
 
     def flat(self, point: Vector) -> np.ndarray:
         """A point's two coordinates, down and to the side (m)."""
