@@ -229,7 +229,7 @@ WRONG = {
     "lies on the axis": urdf().replace('0.1 -0.4"', '0.1 0"').replace('xyz="0 0 -0.2"', 'xyz="0 0 0"'),
     "'elbow' has a damping, friction or armature that is negative": mjcf().replace("0.1", "-1"),
     "'upper' has a mass and no <inertia>": urdf().replace("<inertia ", "<moment "),
-    "'tip' has a mass or an inertia that is negative": mjcf(
+    "'tip' has mass = -0.1, which must not be negative": mjcf(
         lower='<body name="tip"><inertial pos="0 0 0" mass="-0.1" diaginertia="1 1 1"/></body>'
     ),
     "must be larger than mjMINVAL; Element name 'upper'": mjcf('<inertial pos="0 0 -.1" mass="1"/>'),

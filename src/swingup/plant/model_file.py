@@ -213,9 +213,6 @@ def _links(source: Source, notes: list[str]) -> tuple[tuple[Link, Link], np.ndar
         if link is not None:
             name, turn, is_carried = model.body(body).name, data.ximat[body].reshape(3, 3), body in carriers
             mass, inertia = float(model.body_mass[body]), np.diag(model.body_inertia[body])
-            # MuJoCo looks at bodies with joints alone.
-            if min(mass, *model.body_inertia[body]) < 0:
-                raise SwingupError(f"<body> {quoted(name)} has a mass or an inertia that is negative")
             if source.stated is not None:
                 (mass, inertia), turn = source.stated[name], data.xmat[body].reshape(3, 3)
             is_stated = is_carried and body in explicit

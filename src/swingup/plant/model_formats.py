@@ -264,6 +264,9 @@ def _check_bodies(spec: Any) -> None:
         if np.any(np.atleast_1d(joint.damping)[1:]):
             raise SwingupError(f"{where} has damping that is not linear: write one number")
     for body in spec.bodies:
+        # MuJoCo takes a negative one for 0.
+        if body.mass < 0:
+            raise SwingupError(f"<body> {quoted(body.name)} has mass = {body.mass:g}, which must not be negative")
         if body.gravcomp:
             where = f"<body> {quoted(body.name)}"
             raise SwingupError(f"{where} has gravcomp, and gravity pulls all of a plant: remove it")
