@@ -3,6 +3,7 @@
 import ast
 import functools
 import itertools
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -113,6 +114,20 @@ def test_a_plant_and_its_base_parameters_are_named_once():
             if base <= {each.value for each in entries if isinstance(each, ast.Constant)}:
                 found.append(f"{path.relative_to(ROOT)}: base parameters")
     assert found == ["plant/base_parameters.py: base parameters", "plant/plant.py: Plant"]
+
+
+def test_what_is_simulated_is_answered_in_one_place():
+    """Functions that make a plant or a domain of a name or a file: the resolver and the reader of plants' files."""
+    found = {
+        f"{path.relative_to(ROOT)}: {node.name}"
+        for path, tree in trees().items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef) and not node.name.startswith("_")
+        and node.returns is not None and {"Plant", "Domain"} & set(re.findall(r"\w+", ast.unparse(node.returns)))
+        and any(re.search("PlantLike|Options", ast.unparse(each.annotation or each)) for each in node.args.args)
+    }  # fmt: skip
+    commands = {f"cli/arguments.py: {name}" for name in ("plant_of", "facts_of")}  # as resolve reads options
+    assert found == {"loop/resolve.py: resolve", "plant/files.py: load_plant", *commands}
 
 
 ONLY_NUMPY = """

@@ -23,7 +23,7 @@ from .common.checks import whole_number
 from .common.errors import SwingupError, quoted
 from .common.types import Action, Key, Observation, State, fetch
 from .drawing import draw_frame
-from .plant.plant import LEADERBOARD, ROBOTS, PlantLike
+from .plant.plant import ROBOTS, PlantLike
 from .tasks.acrobot_swingup import IDS, AcrobotSwingup
 from .tasks.pendulum import DIVERGED_VELOCITY, AbstractPendulumTask, PendulumState
 from .tasks.presets import AnyPendulumTask, find_task
@@ -59,7 +59,7 @@ class Pendulums:
         return float(self.task.dt)
 
     def _prepare(
-        self, robot: str, task: str | AnyPendulumTask, render_mode: str | None, plant: PlantLike
+        self, robot: str, task: str | AnyPendulumTask, render_mode: str | None, plant: PlantLike | None
     ) -> tuple[Box, Box]:
         """Set all but the spaces: those of one environment's observations and actions are returned."""
         # With its numbers as arrays, which compiled functions take faster.
@@ -120,7 +120,7 @@ class PendulumEnv(Pendulums, gymnasium.Env[np.ndarray, np.ndarray]):
         robot: str,
         task: str | AnyPendulumTask = "paper",
         render_mode: str | None = None,
-        plant: PlantLike = LEADERBOARD,
+        plant: PlantLike | None = None,
     ) -> None:
         """Prepare an environment, to be reset before its first step.
 
@@ -128,7 +128,8 @@ class PendulumEnv(Pendulums, gymnasium.Env[np.ndarray, np.ndarray]):
             robot: ``acrobot`` or ``pendubot``.
             task: name of a variant of the task, see :data:`swingup.tasks.presets.TASKS`, or a task.
             render_mode: ``rgb_array`` for pictures from ``render``; ``None`` for none.
-            plant: the pendulum, in whose units a named task is: a plant, its name or its file.
+            plant: the pendulum, in whose units a named task is: a plant, its name or its file; None for the
+                leaderboards'.
 
         Raises:
             SwingupError: there is no such robot, task, plant or render mode, or the task is another robot's, or a
@@ -189,7 +190,7 @@ class PendulumVectorEnv(Pendulums, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
         num_envs: int = 1,
         task: str | AnyPendulumTask = "paper",
         render_mode: str | None = None,
-        plant: PlantLike = LEADERBOARD,
+        plant: PlantLike | None = None,
     ) -> None:
         """Prepare ``num_envs`` environments; the other arguments are those of :class:`PendulumEnv`.
 

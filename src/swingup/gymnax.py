@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .common.types import Action, Count, Flag, Key, Observation, Scalar
-from .plant.plant import LEADERBOARD, PlantLike
+from .plant.plant import PlantLike
 from .tasks.pendulum import AbstractPendulumTask
 from .tasks.presets import find_task
 
@@ -89,14 +89,15 @@ class PendulumEnvironment:
     """Length of an action."""
 
     def __init__(
-        self, robot: str, task: str | AbstractPendulumTask = "paper", plant: PlantLike = LEADERBOARD
+        self, robot: str, task: str | AbstractPendulumTask = "paper", plant: PlantLike | None = None
     ) -> None:
         """Prepare an environment.
 
         Args:
             robot: ``acrobot`` or ``pendubot``.
             task: name of a variant of the task, see :data:`swingup.tasks.presets.TASKS`, or a task.
-            plant: the pendulum, in whose units a named task is: a plant, its name or its file.
+            plant: the pendulum, in whose units a named task is: a plant, its name or its file; None for the
+                leaderboards'.
 
         Raises:
             SwingupError: there is no such robot, task or plant, or the task is another robot's, or a task that was

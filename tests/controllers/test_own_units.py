@@ -57,7 +57,7 @@ def test_plants_that_move_alike_have_the_same_controller(robot, similar, x64):
     """T × 0.5 and torques × 0.025: the shipped one's torque, in the plant's own units."""
     plant = LEADERBOARD.driven(robot)
     assert design_of(robot, load_plant("C.1").frictionless()).shipped
-    assert not design_of(robot, "C.1").shipped
+    assert not design_of(robot, load_plant("C.1")).shipped
     published, own = (baseline("lqr", robot, each) for each in (LEADERBOARD, similar(plant)))
     for error in np.random.default_rng(0).normal(size=(5, 4)) * 0.01:
         x = UPRIGHT + error
@@ -90,7 +90,7 @@ def test_a_search_gets_longer_until_it_comes_up(monkeypatch, x64):
     monkeypatch.setattr(design, "_solve_all", solved)
     monkeypatch.setattr(design, "_gains", lambda *_: np.zeros((450, 4)))
     monkeypatch.setattr(design, "followed", lambda pendulum, cost, x, u, gains, limit: u)
-    own = design_of(robot, "C.0")
+    own = design_of(robot, load_plant("C.0"))
     problem = own.published.swingup
     found, torque = design._searched(problem, problem.search, own.model, robot, 3)
     assert durations == pytest.approx([problem.dt * problem.steps, 1.5 * problem.dt * problem.steps], abs=0.01)
@@ -133,7 +133,7 @@ def test_friction_of_the_passive_joint_is_counted_on_and_where_that_fails_is_sai
     """The pendubot's regulator holds from most starts near upright, the acrobot's on A.0 from few."""
     for name in ("pendubot", "acrobot"):
         robot = get_robot(name)
-        own = design_of(robot, "A.0")
+        own = design_of(robot, load_plant("A.0"))
         arguments = robot, own.published.lqr, 0.002 / own.scales.time
         assert holding_lqr(own.model, *arguments).friction is None
         found = holding_lqr(own.rubbing, *arguments)

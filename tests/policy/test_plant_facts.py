@@ -16,7 +16,7 @@ from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, get_robot, lump
 from swingup.plant.units import Scales, arm_scales, scales_of, similar_plant
 from swingup.policy.network import PlantStage
-from swingup.policy.pendulum import for_plant, plant_difference, policy_plant
+from swingup.policy.pendulum import for_plant, plant_difference, policy_plant, write_pendulum_policy
 from swingup.policy.shipped import load_policy
 from swingup.refine.adapt import shipped_for
 from swingup.refine.recipe import for_similar_plant, wrapped_policy
@@ -128,6 +128,16 @@ def test_the_shipped_policy_is_for_similar_pendulums_of_any_size(either_robot, s
     assert re.match("policy 'adaptive': the policy can be told a base parameter B from .* train or refine", named)
     told = get_controller("adaptive", either_robot, plant="C.0")
     assert told.plant == load_plant("C.0").frictionless().driven(either_robot)
+
+
+def test_a_plant_that_is_given_counts_and_the_policys_own_without(tmp_path):
+    """The leaderboards' as well, though baselines are designed for it by default."""
+    file = str(tmp_path / "policy.safetensors")
+    write_pendulum_policy(file, load_policy("adaptive", ACROBOT, "C.0"), {})
+    own, other = load_plant("C.0").frictionless().driven(ACROBOT), LEADERBOARD.driven(ACROBOT)
+    for plant, expected in ((None, own), ("leaderboard", other), (LEADERBOARD, other)):
+        assert get_controller(file, ACROBOT, plant=plant).plant.values() == pytest.approx(expected.values())
+    assert get_controller(file, ACROBOT, design=LEADERBOARD).plant.values() == pytest.approx(own.values())
 
 
 @pytest.mark.parametrize("kind", [Numpy, C, pytest.param(InJax, marks=pytest.mark.slow)])

@@ -13,7 +13,8 @@ from ..common import __version__
 from ..common.checks import check_seeds
 from ..common.errors import SwingupError, one_line
 from ..common.files import write_map
-from ..plant.files import load_plant, representative, save_plant
+from ..loop.resolve import resolve
+from ..plant.files import representative, save_plant
 from ..plant.plant import Plant, PlantLike
 from .conventions import check_columns
 from .fit import WARM_STAGES, Fit, draw_solutions, fit, fit_all, fit_start, pulled
@@ -110,7 +111,7 @@ def identify(
     check_seeds(seed, 1)
     if not files:
         raise SwingupError("no logs: give at least one file")
-    plant = load_plant(start)
+    plant = resolve(start).facts
     recordings, tests = ([read_recording(log, columns, force) for log in logs] for logs in (files, test))
     numbers = session_numbers(sessions, len(recordings) + len(tests))
     setting, vector = integration_of(plant), vector_of(plant)

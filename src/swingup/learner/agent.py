@@ -72,7 +72,8 @@ class AREAPO:
             evaluation_episodes: episodes of an evaluation, whose mean return is the score; default: 5. With 0,
                 where the host steps the environments, it is that of the training episodes. A robot has one episode.
                 The score of a continuing task is its reward rate over 2,000 steps, or as often as many.
-            plant: the robot's pendulum, in whose units the task is: a plant, its name or its file.
+            plant: the robot's pendulum, in whose units the task is: a plant, its name or its file; None for the
+                leaderboards'.
             **overrides: hyperparameters, names of :class:`swingup.areapo.config.Config`. Without ``num_envs`` a
                 vector environment or a list keeps its number, and an environment that was passed in is one.
 

@@ -21,7 +21,7 @@ from ..common.errors import SwingupError, quoted
 from ..common.files import read_bytes
 from ..drawing import GOAL_HEIGHT
 from ..learner.metrics import METRICS_FILE
-from ..plant.files import load_plant
+from ..loop.resolve import resolve
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
 from .figure import BARS, DOTS, LINE, PALE_BARS, RING, STAR, THIN, Curve, Figure, Mark, Panel
 
@@ -48,7 +48,7 @@ def trajectory_figure(
     the time from which the tip stays up. Names become titles. The passive joint's torque is drawn in grey unless it
     is zero.
     """
-    robot, found = get_robot(robot), load_plant(plant)
+    robot, found = get_robot(robot), resolve(plant).facts
     columns = []
     for name, given in trajectories.items():
         rows = checked_rows(given, name)

@@ -14,7 +14,7 @@ from ..common.checks import finite_number, positive_number, whole_number
 from ..common.errors import SwingupError
 from ..common.files import check_suffix, write_atomically
 from ..drawing import draw_frame
-from ..plant.files import load_plant
+from ..loop.resolve import resolve
 from ..plant.plant import LEADERBOARD, PlantLike, Robot, get_robot
 
 FPS = 25.0
@@ -58,7 +58,7 @@ def animate(
             f"a film of {count} frames of {pixels} pixels is too large "
             f"(at most {MOST_PIXELS:,} pixels in all): lower size or fps, or raise the speed"
         )
-    found = load_plant(plant)
+    found = resolve(plant).facts
 
     def frame(k: int) -> np.ndarray:
         pictures = []

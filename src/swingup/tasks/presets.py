@@ -11,9 +11,9 @@ from ..common.checks import one_of
 from ..common.errors import SwingupError
 from ..dynamics.dynamics import wrap_difference
 from ..dynamics.integrate import stable_substeps
+from ..loop.resolve import resolve
 from ..loop.starts import Starts, sample_starts
-from ..plant.files import load_plant
-from ..plant.plant import LEADERBOARD, PlantLike, Robot, get_robot
+from ..plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
 from ..plant.units import scaled, scales_of
 from .acrobot_swingup import AcrobotSwingup
 from .pendulum import AbstractPendulumTask, PendulumTask, RecoveryTask
@@ -31,17 +31,17 @@ SHORT_VELOCITY_COSTS = {"acrobot": (2.8, 1.4), "pendubot": (3.4, 1.7)}
 swing-up."""
 
 
-def paper_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> PendulumTask:
+def paper_task(robot: Robot, plant: Plant = LEADERBOARD) -> PendulumTask:
     """The paper's task (section IV), in the units of its plant."""
-    return _in_own_units(PendulumTask(robot=robot, parameters=load_plant(plant).driven(robot)))
+    return _in_own_units(PendulumTask(robot=robot, parameters=plant.driven(robot)))
 
 
-def smooth_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> PendulumTask:
+def smooth_task(robot: Robot, plant: Plant = LEADERBOARD) -> PendulumTask:
     """The paper's task without its two edges: angles observed as sines and cosines, costs of velocities bounded."""
     return _in_own_units(_smooth(robot, plant))
 
 
-def short_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> PendulumTask:
+def short_task(robot: Robot, plant: Plant = LEADERBOARD) -> PendulumTask:
     """The smooth task in episodes of 3 s at most, of whose frames nearly half show a swing-up, not a fifth.
 
     A torque of 1 N m costs as much as 3 to 5 rad/s. In the score it costs as much as 6 rad/s, in the paper's task
@@ -52,7 +52,7 @@ def short_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> PendulumTask:
     return _in_own_units(dataclasses.replace(smooth, state_cost=costs, torque_cost=30.0, max_steps=300))
 
 
-def global_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> RecoveryTask:
+def global_task(robot: Robot, plant: Plant = LEADERBOARD) -> RecoveryTask:
     """The smooth task's pendulum, to be back up soon: mostly after throws, also from anywhere and from hanging."""
     smooth, random = _smooth(robot, plant), np.random.default_rng(STARTS_SEED)
     starts = sample_starts(random, smooth.parameters, GLOBAL_STARTS, 20_000)
@@ -61,15 +61,15 @@ def global_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> RecoveryTask:
     return _in_own_units(task)
 
 
-def anywhere_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> RecoveryTask:
+def anywhere_task(robot: Robot, plant: Plant = LEADERBOARD) -> RecoveryTask:
     """The smooth task's quadratic cost, from the global task's first states: small networks learn it in minutes."""
     # Saturated later than the global task's, where a motion is far too fast; no step where the tip is up.
     return dataclasses.replace(global_task(robot, plant), saturation=1.0, down_weight=0.0)
 
 
-def _smooth(robot: Robot, plant: PlantLike) -> PendulumTask:
+def _smooth(robot: Robot, plant: Plant) -> PendulumTask:
     """The smooth task, its numbers in C.1's units."""
-    observation, parameters = PendulumStage(angles="sincos"), load_plant(plant).driven(robot)
+    observation, parameters = PendulumStage(angles="sincos"), plant.driven(robot)
     return PendulumTask(robot, parameters, observation, cost_velocity_limit=observation.velocity_scale)
 
 
@@ -83,7 +83,7 @@ def _in_own_units(task: TaskT) -> TaskT:
     return dataclasses.replace(own, substeps=stable_substeps(own.parameters, own.dt))
 
 
-TASKS: dict[str, Callable[[Robot, PlantLike], AbstractPendulumTask]] = {
+TASKS: dict[str, Callable[[Robot, Plant], AbstractPendulumTask]] = {
     "paper": paper_task,
     "smooth": smooth_task,
     "short": short_task,
@@ -93,19 +93,21 @@ TASKS: dict[str, Callable[[Robot, PlantLike], AbstractPendulumTask]] = {
 """Tasks by name, on one plant: the leaderboards' by default."""
 
 
-def get_task(name: str, robot: Robot, plant: PlantLike = LEADERBOARD) -> AbstractPendulumTask:
+def get_task(name: str, robot: Robot, plant: Plant = LEADERBOARD) -> AbstractPendulumTask:
     """Build a variant of the task for a robot, in the units of its plant."""
     return TASKS[one_of("task", name, TASKS)](robot, plant)
 
 
-def find_task(task: str | GivenT, robot: str, plant: PlantLike = LEADERBOARD) -> AbstractPendulumTask | GivenT:
+def find_task(task: str | GivenT, robot: str, plant: PlantLike | None = None) -> AbstractPendulumTask | GivenT:
     """A task for a robot's environment, by name or passed in.
 
-    A named task is in the units of the plant. A task that is passed in must be the robot's.
+    A named task is in the units of the plant, or without one of the leaderboards'. A task that is passed in must be
+    the robot's.
     """
-    if not isinstance(task, str) and load_plant(plant) != LEADERBOARD:
+    if not isinstance(task, str) and plant is not None:
         raise SwingupError(f"a {type(task).__name__} has a plant of its own: pass the task's name with plant=")
-    chosen = get_task(task, get_robot(robot), plant) if isinstance(task, str) else task
+    found = LEADERBOARD if plant is None else resolve(plant).facts
+    chosen = get_task(task, get_robot(robot), found) if isinstance(task, str) else task
     if chosen.robot != get_robot(robot):
         raise SwingupError(f"the task is for the {chosen.robot.name}, not for the {robot}: change one of them")
     return chosen

@@ -15,8 +15,8 @@ from ...common.errors import SwingupError
 from ...common.types import State, Torque
 from ...dynamics.dynamics import UPRIGHT
 from ...loop.loop import LOOP_DT
+from ...loop.resolve import resolve
 from ...plant.equations import COULOMB_STEEPNESS
-from ...plant.files import load_plant
 from ...plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
 from ...plant.units import STATE, TIME, TORQUE, Scales, scaled, scales_of, similar_plant
 from ..interface import AbstractController, Time, TimeLike, joint_torques, never, since_first_call
@@ -69,13 +69,13 @@ class Design:
         return compute_reference(self.robot, swingup, seed, self.model)
 
 
-def design_of(robot: Robot, plant: PlantLike) -> Design:
+def design_of(robot: Robot, plant: Plant) -> Design:
     """Settings for a plant; for the leaderboards' the published ones and the shipped swing-ups."""
     published, optimal = PUBLISHED_SETTINGS[robot.name], OPTIMAL_SETTINGS[robot.name]
     model = design_model(plant, robot)
     scales = scales_of(model)
     # The driven joint's friction is compensated around the controller (``InOwnUnits``), which then has none.
-    rubbing = model.changed(**{f"cf{2 - robot.joint}": passive_friction(load_plant(plant).driven(robot), robot)})
+    rubbing = model.changed(**{f"cf{2 - robot.joint}": passive_friction(plant.driven(robot), robot)})
     if model == design_model(LEADERBOARD, robot):
         return Design(robot, model, rubbing, scales, published, optimal, shipped=True)
     if not scales.torque > 0:
@@ -100,7 +100,8 @@ def baseline(name: str, robot: Robot | str, plant: PlantLike = LEADERBOARD) -> A
         SwingupError: there is no such baseline, robot or plant.
     """
     robot, name = get_robot(robot), one_of("baseline", name, BASELINES)
-    design, driven = design_of(robot, plant), load_plant(plant).driven(robot)
+    facts = resolve(plant).facts
+    design, driven = design_of(robot, facts), facts.driven(robot)
     designed = _designed(name, design)
     # C.1's own units need no conversion, and its published controllers stay as they are, bit for bit.
     if design.shipped and not (driven.cf1 or driven.cf2):

@@ -19,8 +19,7 @@ from ...common.errors import SwingupError
 from ...common.types import Scalar
 from ...dynamics.dynamics import UPRIGHT
 from ...plant.equations import StateFloats
-from ...plant.files import load_plant
-from ...plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
+from ...plant.plant import LEADERBOARD, Plant, Robot, get_robot
 from .ilqr import Cost, ILQRSettings, Solution, Status, feedback_gains, forward, solve
 from .reference import Reference
 from .transition import AbstractTransition, PendulumTransition, TorqueRateTransition, unpack
@@ -125,17 +124,17 @@ class SwingupProblem:
         return pendulum if self.rate is None else TorqueRateTransition(pendulum)
 
 
-def design_model(plant: PlantLike, robot: Robot) -> Plant:
+def design_model(plant: Plant, robot: Robot) -> Plant:
     """The model that baselines are designed with: a robot's plant without Coulomb friction, which no plan can use.
 
     Its slope at rest would appear in a linear model as a damping of some 10 N m s/rad, by which a regulator would
     take the joint for frozen. Rotors and viscous friction stay.
     """
-    return load_plant(plant).driven(robot).changed(cf1=0.0, cf2=0.0)
+    return plant.driven(robot).changed(cf1=0.0, cf2=0.0)
 
 
 def compute_reference(
-    robot: Robot | str, problem: SwingupProblem, seed: int, plant: PlantLike = LEADERBOARD
+    robot: Robot | str, problem: SwingupProblem, seed: int, plant: Plant = LEADERBOARD
 ) -> tuple[Reference, dict[str, Any]]:
     """Optimise a swing-up from hanging at rest, with its provenance: JSON values for the file.
 
