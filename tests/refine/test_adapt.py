@@ -1,13 +1,18 @@
 """Adapting: the domain that follows from a plant and a domain, its file, and what is kept."""
 
+import dataclasses
+import types
+
 import pytest
 
 from swingup.loop.resolve import resolve
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD
+from swingup.policy.pendulum import write_pendulum_policy
 from swingup.policy.shipped import load_policy
-from swingup.refine.adapt import save_domain
-from swingup.refine.recipe import GUESS, run_recipe
+from swingup.refine import adapt as adapting
+from swingup.refine.adapt import Watch, adapt, save_domain
+from swingup.refine.recipe import GUESS, RefinementReport, run_recipe
 
 LOOP = "delay: 0.02\nquantum1: 0.001\npassive_limit: 0\n"
 FILES = {
@@ -57,3 +62,32 @@ def test_a_recipe_takes_a_plant_by_its_name_or_itself():
     assert other.values() == pytest.approx(load_plant("C.0").frictionless().driven(policy.robot).values())
     lone = load_policy("ar-eapo", "acrobot")
     assert run_recipe(lone, (), plant="leaderboard").plant == run_recipe(lone, ()).plant
+
+
+@pytest.mark.parametrize(
+    ("successes", "stages", "best"),
+    [
+        # The first suffices; the second does not help; the third of four does not help; all four help.
+        ([50], 1, 1), ([30, 20], 2, 1), ([30, 40, 40], 3, 2), ([10, 20, 30, 40], 4, 4), ([10, 20, 49], 3, 3),
+    ],
+)  # fmt: skip
+def test_an_adaptation_keeps_the_best_so_far_and_ends_where_a_stage_does_not_help(
+    tmp_path, monkeypatch, successes, stages, best
+):
+    made, policy, recipes, lines = load_policy("adaptive", "acrobot"), load_policy("ar-eapo", "acrobot"), [], []
+
+    def refined(base, recipe, seed, report, **_):
+        recipes.append(recipe)
+        marked = dataclasses.replace(made.regulator, leave=10.0 + len(recipes))
+        report(RefinementReport((), 1, 1, 1, 0.0, dataclasses.replace(made, regulator=marked), None, {}))
+
+    monkeypatch.setattr(adapting, "run_recipe", refined)
+    monkeypatch.setattr(adapting, "save_refined", lambda path, now, *_: write_pendulum_policy(path, now.policy, {}))
+    judged = iter([*successes, -1])
+    monkeypatch.setattr(adapting, "judge", lambda *_, **__: types.SimpleNamespace(successes=next(judged)))
+    out = tmp_path / "mine.safetensors"
+    found = adapt("acrobot", out, policy=policy, draws=50, watch=Watch(tell=lines.append))
+    assert recipes == ["adapt", *["recover"] * (stages - 1)]
+    assert found.policy.regulator.leave == load_policy(str(out), "acrobot").regulator.leave == 10.0 + best
+    assert (found.domain.name, found.result.successes) == ("recorded", -1)
+    assert (f"{out} has the one before" in lines) == (best < stages)

@@ -17,7 +17,7 @@ from swingup.dynamics.dynamics import UPRIGHT
 from swingup.loop.starts import Starts
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, get_robot
-from swingup.refine import gradient, recipe
+from swingup.refine import gradient
 from swingup.refine.gradient import (
     AnalyticPolicyGradient,
     EpisodeWeights,
@@ -63,6 +63,15 @@ def test_episodes_are_of_the_kinds_asked_for_and_repeat_with_their_seed():
     same, other = (sample_episodes(np.random.default_rng(seed), ACROBOT, kinds, LEADERBOARD)[0] for seed in (0, 1))
     assert np.array_equal(same, x0)
     assert not np.array_equal(other, x0)
+    # The recipes' episodes, whose hanging starts have the variance of deviations that are uniform up to 0.02.
+    usual = GradientStage(BALANCED)
+    counts = usual.starts.counts(usual.episodes)
+    assert {kind: number for kind, number in counts.items() if number} == {
+        "thrown": 180,
+        "anywhere": 18,
+        "hanging": 4,
+    }
+    assert usual.starts.spread**2 == pytest.approx(0.02**2 / 3, rel=0.01)
     # Throws leave the pendulum in motion and in other turns.
     kinds = GradientStage(BALANCED, episodes=50, starts=Starts(thrown=1))
     x0, nominal = sample_episodes(np.random.default_rng(0), ACROBOT, kinds, LEADERBOARD)
@@ -169,7 +178,7 @@ def test_gradient_steps_lower_the_cost_and_do_not_depend_on_the_cores(monkeypatc
 
 
 def test_a_recipe_reports_repeats_itself_and_keeps_the_observation(monkeypatch):
-    monkeypatch.setattr(recipe, "REPORT_EVERY", 2)
+    monkeypatch.setattr(gradient, "REPORT_EVERY", 2)
     policy, reports = policy_of(small()), []
     first = run_recipe(policy, (SHORT,), 5, report=reports.append)
     assert [(each.stage, each.iteration, each.of) for each in reports] == [(1, 2, 4), (1, 4, 4)]

@@ -137,9 +137,9 @@ class Recoveries(NamedTuple):
 
 
 class Lesson(eqx.Module):
-    """What a student learns from in one descent."""
+    """What a student learns from in one run of gradient steps."""
 
-    student: PolicyController  # the descent begins with its network
+    student: PolicyController  # the steps begin with its network
     dataset: Dataset
     base: Float[Array, "plants 9"]  # base parameters of the dataset's plants
     optimiser: optax.GradientTransformation = eqx.field(static=True)
@@ -197,14 +197,14 @@ def distil(
         rate = LEARNING_RATE * (1.0 if number == 1 else LATER_RATE)
         optimiser = optax.adam(optax.cosine_decay_schedule(rate, steps))
         lesson = Lesson(student, dataset, teachers.base, optimiser, batch, ANYWHERE)
-        student = descend(lesson, steps, random, partial(progress, f"lessons {number} of {stage.rounds}"))
+        student = learn(lesson, steps, random, partial(progress, f"lessons {number} of {stage.rounds}"))
         report(student, number)
     recoveries = make_recoveries(
         student, teachers.plant, teachers.base, teachers.cost_to_go[-1], stage.scored, random
     )
     optimiser = scored_optimiser(stage.scored.steps)
     lesson = Lesson(student, dataset, teachers.base, optimiser, batch, ANYWHERE, stage.scored, recoveries)
-    student = descend(lesson, stage.scored.steps, random, partial(progress, "score"))
+    student = learn(lesson, stage.scored.steps, random, partial(progress, "score"))
     report(student, stage.rounds + 1)
     return in_numpy(student)
 
@@ -236,7 +236,7 @@ def recover(
     recoveries = make_recoveries(student, plants, bases, cost_to_go, stage.scored, random, regulators)
     optimiser = scored_optimiser(stage.scored.steps)
     lesson = Lesson(student, dataset, bases, optimiser, stage.scored.batch, 0, stage.scored, recoveries)
-    student = descend(
+    student = learn(
         lesson, stage.scored.steps, random, partial(progress, "recoveries"), lambda now: report(in_numpy(now), 0)
     )
     report(student, 1)
@@ -264,7 +264,7 @@ def plant_scale(nominal: np.ndarray, gear: float = GEAR) -> np.ndarray:
     return shares * np.array([0.15, 0.15, 0.15, 0.15, 0.06, 0.06, 0.12, 0.12, 8e-5 * (GEAR / gear) ** 2])
 
 
-def descend(
+def learn(
     lesson: Lesson,
     steps: int,
     random: np.random.Generator,

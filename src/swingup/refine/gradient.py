@@ -7,6 +7,7 @@ is one of the benchmark's own.
 
 import functools
 import itertools
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -43,6 +44,7 @@ LEARNING_RATE = 5e-4
 """Maximum step size of Adam: it rises over the first eighth of the steps and falls to a fiftieth on a cosine."""
 ADJOINT_LIMIT = 4.0
 """Maximum norm of an episode's gradient with respect to one of its states (1/rad, s/rad)."""
+REPORT_EVERY = 10  # gradient steps between reports
 GRADIENT_LIMIT = 0.5  # maximum norm of the policy's gradient; a larger one is scaled down
 
 
@@ -182,6 +184,30 @@ class AnalyticPolicyGradient:
         mean = jax.tree.map(lambda *parts: sum(a * b for a, b in zip(shares, parts, strict=True)), *gradients)
         updates, moments = self._optimiser.update(mean, moments)
         return optax.apply_updates(actor, updates), moments
+
+
+def descend(
+    controller: PolicyController,
+    stage: GradientStage,
+    random: np.random.Generator,
+    report: Callable[[PolicyController, int, dict[str, float]], None],
+    plant: Plant,
+) -> PolicyController:
+    """The controller after the steps of a stage; reported with their number and means over the latest ones."""
+    learner = AnalyticPolicyGradient(controller, stage, plant)
+    recent: list[dict[str, float]] = []
+    for number in range(1, stage.steps + 1):
+        x0, hanging = sample_episodes(random, controller.robot, stage, plant)
+        measures = learner.step(x0)
+        means = {"nominal_score": measures.score[hanging], "others_down": measures.down[~hanging]}
+        recent.append({name: float(np.mean(values)) for name, values in means.items() if values.size})
+        if number % REPORT_EVERY == 0 or number == stage.steps:
+            controller = with_actor(controller, jax.tree.map(np.asarray, learner.actor))
+            report(
+                controller, number, {name: float(np.mean([each[name] for each in recent])) for name in recent[0]}
+            )
+            recent.clear()
+    return controller
 
 
 def batch_cost(

@@ -31,7 +31,7 @@ from ..policy.network import stages_for
 from ..policy.pendulum import PendulumPolicy, plant_difference, policy_plant, write_pendulum_policy
 from ..policy.regulator import RegulatorSettings
 from .distil import DistillationStage, RecoveryStage, ScoredSteps, distil, recover
-from .gradient import AnalyticPolicyGradient, EpisodeWeights, GradientStage, sample_episodes, with_actor
+from .gradient import EpisodeWeights, GradientStage, descend
 from .teachers import PlantDraws, behind_motor, draw_plants, make_training_set
 
 _LOGGER = logging.getLogger(__name__)
@@ -95,7 +95,6 @@ ACCELERATION_NOISE = 10.0
 RECORDED = "recorded"
 """The domain of the robot's plants, where a policy sees its plant and no domain is given."""
 GUESS = 0.1  # share by which masses and inertias of a plant without ranges may be off
-REPORT_EVERY = 10  # gradient steps between reports
 
 
 @dataclass(frozen=True)
@@ -151,22 +150,7 @@ def run_recipe(
     check_seeds(seed, 1)
     stages, robot = stages_of(recipe, policy) if isinstance(recipe, str) else tuple(recipe), policy.robot
     controller = policy_alone(policy)
-    on_one = [isinstance(stage, GradientStage) for stage in stages]
-    # Or it will, after the recipe.
-    sees_plant = controller.policy.sees_plant or not all(on_one)
-    if controller.policy.sees_plant and any(on_one):
-        raise SwingupError(
-            "the policy sees its plant, and gradient steps on a single one would blind it: take the recipe recover"
-        )
-    if not sees_plant and domain is not None:
-        name = domain.name if isinstance(domain, Domain) else domain
-        raise SwingupError(f"the domain {name} is for a policy that sees its plant: give a plant alone")
-    around = resolve(plant if sees_plant else None, RECORDED if domain is None else domain, GUESS)
-    found = first_plant(around, robot) if sees_plant else resolve(LEADERBOARD if plant is None else plant).facts
-    if not sees_plant and plant is None:
-        difference = plant_difference(plant_of(controller), found.driven(robot), robot)
-        if difference is not None:
-            _LOGGER.warning("without a plant the policy is refined on the leaderboards': %s", difference)
+    around, found = _refined_on(policy, stages, plant, domain)
     # Only the mean acts when a policy is judged; the deviation's head would stay without gradient.
     controller = eqx.tree_at(lambda c: c.policy.actor.std_head, controller, None, is_leaf=lambda leaf: leaf is None)
     facts = policy_plant(found, robot)
@@ -190,7 +174,7 @@ def run_recipe(
 
     for number, stage in enumerate(stages, start=1):
         if isinstance(stage, GradientStage):
-            controller = _gradient_steps(controller, stage, random, partial(tell, number, stage.steps), similar)
+            controller = descend(controller, stage, random, partial(tell, number, stage.steps), similar)
             continue
         targets = draw_plants(random, robot, stage.draws, similar, around)
         if isinstance(stage, RecoveryStage):
@@ -201,6 +185,31 @@ def run_recipe(
             told = partial(tell, number, stage.rounds + 1)
             controller = distil(training, stage, random, told, progress)
     return wrapped_policy(for_similar_plant(controller, facts), limit)
+
+
+def _refined_on(
+    policy: PendulumPolicy, stages: Sequence[Stage], plant: PlantLike | Domain | None, domain: Domain | str | None
+) -> tuple[Domain, Plant]:
+    # The plants in their loops where the policy sees its plant, or will; and the plant that it is made for.
+    on_one, sees_plant = (
+        [isinstance(stage, GradientStage) for stage in stages],
+        policy.network.plant_stage is not None,
+    )
+    if sees_plant and any(on_one):
+        raise SwingupError(
+            "the policy sees its plant, and gradient steps on a single one would blind it: take the recipe recover"
+        )
+    if sees_plant or not all(on_one):
+        around = resolve(plant, RECORDED if domain is None else domain, GUESS)
+        return around, first_plant(around, policy.robot)
+    if domain is not None:
+        name = domain.name if isinstance(domain, Domain) else domain
+        raise SwingupError(f"the domain {name} is for a policy that sees its plant: give a plant alone")
+    found = resolve(LEADERBOARD if plant is None else plant).facts
+    difference = plant_difference(policy.plant, found.driven(policy.robot), policy.robot)
+    if plant is None and difference is not None:
+        _LOGGER.warning("without a plant the policy is refined on the leaderboards': %s", difference)
+    return resolve(domain=RECORDED), found
 
 
 def stages_of(recipe: str, policy: PendulumPolicy) -> tuple[Stage, ...]:
@@ -261,30 +270,3 @@ def save_refined(path: str | Path, report: RefinementReport, base: PendulumPolic
         "base": {name: base.metadata[name] for name in kept if name in base.metadata},
     }
     write_pendulum_policy(path, report.policy, provenance)
-
-
-def _gradient_steps(
-    controller: PolicyController,
-    stage: GradientStage,
-    random: np.random.Generator,
-    report: Callable[[PolicyController, int, dict[str, float]], None],
-    plant: Plant,
-) -> PolicyController:
-    learner = AnalyticPolicyGradient(controller, stage, plant)
-    recent: list[dict[str, float]] = []
-    for iteration in range(1, stage.steps + 1):
-        x0, nominal = sample_episodes(random, controller.robot, stage, plant)
-        recent.append(_means(nominal, learner.step(x0)))
-        if iteration % REPORT_EVERY == 0 or iteration == stage.steps:
-            controller = with_actor(controller, jax.tree.map(np.asarray, learner.actor))
-            report(
-                controller, iteration, {name: float(np.mean([each[name] for each in recent])) for name in recent[0]}
-            )
-            recent.clear()
-    return controller
-
-
-def _means(nominal: np.ndarray, measures: Any) -> dict[str, float]:
-    score, down = np.asarray(measures.score), np.asarray(measures.down)
-    means = {"nominal_score": score[nominal], "others_down": down[~nominal]}
-    return {name: float(values.mean()) for name, values in means.items() if values.size}
