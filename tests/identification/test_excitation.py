@@ -22,10 +22,9 @@ from swingup.identification.excitation import (
     multisines,
     simulate,
 )
-from swingup.identification.plant_domain import prior_around
 from swingup.identification.prediction import INDEX, integration_of, vector_of
 from swingup.identification.recording import read_recording
-from swingup.identification.results import TITLES
+from swingup.identification.results import TITLES, prior_around
 from swingup.loop.resolve import resolve
 
 C1 = load_plant("C.1")

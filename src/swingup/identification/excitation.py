@@ -31,9 +31,9 @@ from ..loop.resolve import resolve
 from ..plant.base_parameters import friction_of, lumped
 from ..plant.plant import PlantLike
 from ..plant.units import VELOCITY, scales_of
-from .plant_domain import prior_around
 from .prediction import INDEX, NAMES, Integration, in_chunks, in_loop, integration_of, vector_of
 from .regression import OFFSETS, SPAN, regression_matrix
+from .results import prior_around
 from .segments import INTERVAL
 
 PERIOD = 0.002  # between rows (s): 500 Hz

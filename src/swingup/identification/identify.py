@@ -18,10 +18,9 @@ from ..plant.files import representative, save_plant
 from ..plant.plant import Plant, PlantLike
 from .conventions import check_columns
 from .fit import WARM_STAGES, Fit, draw_solutions, fit, fit_all, fit_start, pulled
-from .plant_domain import domain_of
 from .prediction import NAMES, Integration, integration_of, vector_of
 from .recording import Recording, read_recording, sensors
-from .results import TITLES, Estimates, make_notes, mass_notes, read_solution
+from .results import TITLES, Estimates, domain_of, make_notes, mass_notes, read_solution
 from .scoring import Errors, hold_out, prediction_errors, score_windows, summarise
 from .segments import FIT_LENGTH, Segments, cut_windows, join
 from .unknowns import Problem, known_entries, session_numbers

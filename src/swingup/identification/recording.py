@@ -39,14 +39,10 @@ _GROUPS = ((("time",),), _POSITIONS, _VELOCITIES, _COMMANDS, _PUSHES, _MEASURED)
 
 MEASURED_NOISE = 0.01
 """Peak of a measured torque (N m) below which it is the noise of a motor that drives nothing."""
-
 DIFFERENCES = 1e-3
 """Median distance (rad/s) up to which recorded velocities are backward differences of the angles."""
-
 MAXIMUM_FAULTS = 0.05  # largest share of rows whose time does not increase
-
 NOTABLE_SHARE = 0.005  # share of rows without a torque that is worth a note
-
 REPEAT_MOTION = 0.25
 """Motion between two rows, in steps of an encoder, from which equal angles count as a repeated measurement."""
 
