@@ -117,10 +117,8 @@ class PID(eqx.Module):
     """The PID's memory between calls."""
 
     calls: Count
-    total: Float[Array, "2"]
-    """Sum of the errors so far (rad)."""
-    last: Float[Array, "2"]
-    """Error of the last call (rad)."""
+    total: Float[Array, "2"]  # sum of the errors so far (rad)
+    last: Float[Array, "2"]  # error of the last call (rad)
 
 
 def start_pid(dtype: jnp.dtype) -> PID:
@@ -178,22 +176,14 @@ def throwing_torque(
 class ResetMemory(eqx.Module):
     """What the resets remember from call to call."""
 
-    active: Flag
-    """A reset runs: the PID has both joints."""
-    begun: Count
-    """Resets so far, planned or inserted."""
-    planned: Count
-    """Planned ones so far."""
-    delay: Scalar
-    """Time by which inserted resets delay the rest of the plan (s)."""
-    before: Scalar
-    """Time for which the last reset was planned, or at which it was inserted (s)."""
-    clock: Scalar
-    """Time of the present reset (s)."""
-    t: Scalar
-    """Time of the last call (s)."""
-    clean: Count
-    """Samples since the last that exceeded a limit."""
+    active: Flag  # a reset runs: the PID has both joints
+    begun: Count  # resets so far, planned or inserted
+    planned: Count  # planned ones so far
+    delay: Scalar  # time by which inserted resets delay the rest of the plan (s)
+    before: Scalar  # time for which the last reset was planned, or at which it was inserted (s)
+    clock: Scalar  # time of the present reset (s)
+    t: Scalar  # time of the last call (s)
+    clean: Count  # samples since the last that exceeded a limit
     pid: PID
     stopped: Flag
 
@@ -314,14 +304,10 @@ def example_disturbances(random: np.random.Generator) -> Disturbances:
 class CellMemory(eqx.Module):
     """What a cell remembers from call to call."""
 
-    done: Count
-    """Disturbances that are over."""
-    active: Flag
-    """One acts now."""
-    clock: Scalar
-    """Time that it has acted, or that the next one has waited (s)."""
-    t: Scalar
-    """Time of the last call (s)."""
+    done: Count  # disturbances that are over
+    active: Flag  # one acts now
+    clock: Scalar  # time that it has acted, or that the next one has waited (s)
+    t: Scalar  # time of the last call (s)
     stopped: Flag
 
 
