@@ -22,7 +22,7 @@ from swingup.policy import regulator as equations
 from swingup.policy.identifier import IdentifierSettings
 from swingup.policy.numpy_backend import held, regulator_loop
 from swingup.policy.pendulum import policy_plant
-from swingup.policy.regulator import STATE_WEIGHTS, TORQUE_WEIGHT, RegulatorSettings, fixed_point
+from swingup.policy.regulator import STATE_WEIGHTS, TORQUE_WEIGHT, RegulatorSettings, dry_friction, fixed_point
 
 from .references import UNSOUND
 
@@ -39,13 +39,18 @@ def plants(robot):
     return own, dataclasses.replace(changed, b1=0.05, b2=-0.02, cf1=0.1, cf2=-0.05)
 
 
+def counted(plant, robot, far=False):
+    """What the friction of a plant counts as."""
+    return dry_friction(NUMPY, base_parameters(plant).tolist(), geometry_of(plant), robot.joint, far)
+
+
 def designed(plant, robot):
     """P and K by SciPy's equation, of the errors and a torque on the undriven joint; torques are held for a step.
 
-    The latter fades by a millionth in each. Dry friction cf is damping too.
+    The latter fades by a millionth in each. Dry friction is damping too.
     """
     h = equations.RICCATI_STEP
-    b1, b2 = (b + cf + max(cf, 0.0) ** 2 / 0.012 for b, cf in ((plant.b1, plant.cf1), (plant.b2, plant.cf2)))
+    b1, b2 = counted(plant, robot).damping
     damped = dataclasses.replace(plant, b1=b1, b2=b2, cf1=0.0, cf2=0.0)
     (A,), (B,), (D,) = linearised(damped, robot, UPRIGHT[None], np.zeros(1))
     held = h * np.eye(4) + 0.5 * h**2 * A
@@ -91,12 +96,13 @@ class NumpyRegulator:
         self.tell(base_parameters(plant))
 
     def tell(self, base):
-        self._held = held(self.loop, list(map(float, base)))
+        self._base = list(map(float, base))
 
     def __call__(self, x):
         """The torque where it acts, else None."""
         with np.errstate(all="ignore"):
-            self.state, torque = equations.regulate(NUMPY, self.loop, self.state, self._held, x)
+            plant = held(self.loop, self._base, bool(self.state.far))
+            self.state, torque = equations.regulate(NUMPY, self.loop, self.state, plant, x)
         return torque if self.state.acting else None
 
 
@@ -121,9 +127,9 @@ def test_the_cost_to_go_follows_the_plant(robot):
     told, own = regulator(robot, plants(robot)[1]), regulator(robot)
     # Of what the friction costs alone both have 0.
     expected, start, errors = fixed_point(plants(robot)[1], robot.joint)[0][:4], own.state.cost_to_go[:5, :5], []
-    assert np.abs(start[:4] / expected - 1).max() > 0.3
+    assert np.abs(start[:4] / expected - 1).max() > 0.2
     for _ in range(100):
-        told(np.zeros(4))
+        told(UPRIGHT)
         errors.append(np.abs(told.state.cost_to_go[:4, :5] / expected - 1).max())
     assert errors[50] < 0.1
     assert errors[-1] < 2e-3
@@ -193,10 +199,10 @@ def test_bounds():
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_dry_friction_of_the_undriven_joint_lowers_the_bounds(robot, sign):
-    """0.1 N m makes of 1 and 10 a half, and 3 more; the driven joint's friction changes nothing."""
-    own = dataclasses.replace(LEADERBOARD.driven(robot), **{f"cf{2 - robot.joint}": 0.1 * sign})
+    """0.03 N m makes of 1 and 10 a half, and 3 more; the driven joint's friction changes nothing."""
+    own = dataclasses.replace(LEADERBOARD.driven(robot), **{f"cf{2 - robot.joint}": 0.03 * sign})
     own = dataclasses.replace(own, **{f"cf{robot.joint + 1}": 0.05})
-    settings = dataclasses.replace(SETTINGS, enter_coulomb=0.1, leave_coulomb=0.05)
+    settings = dataclasses.replace(SETTINGS, enter_coulomb=0.03, leave_coulomb=0.015)
     found, e = regulator(robot, own, settings), unit_error(own, robot)
     # At rest at the top until P has followed the plant.
     acting = [found(state_of(size * e)) is not None for size in np.sqrt([*[0.0] * 500, 3.4, 3.6, 0.6, 0.4])]
@@ -206,12 +212,55 @@ def test_dry_friction_of_the_undriven_joint_lowers_the_bounds(robot, sign):
 def test_dry_friction_of_the_undriven_joint_moves_the_torque(robot):
     """By the gain of a constant torque with the friction's sign; the driven joint's friction does not."""
     other, rate = 2 - robot.joint, np.array([0, 0, 0.02, 0.02])
-    own = dataclasses.replace(LEADERBOARD.driven(robot), **{f"cf{other}": 0.05, f"cf{robot.joint + 1}": 0.05})
+    own = dataclasses.replace(LEADERBOARD.driven(robot), **{f"cf{other}": 0.01, f"cf{robot.joint + 1}": 0.05})
     found = NumpyRegulator(SETTINGS, own, robot)
-    friction = -equations.DRY_SHARE * 0.05 * np.arctan(equations.DRY_KNEE * 0.02)
+    share, knee = equations.WEAK
+    friction = -share * 0.01 * np.arctan(knee * 0.02)
     for sign in (1, -1):
         expected = -designed(own, robot)[1] @ [*(sign * rate), sign * friction]
         assert found(UPRIGHT + sign * rate) == pytest.approx(expected, rel=1e-3)
+
+
+def rough(robot, friction):
+    """The leaderboards' plant with dry friction of its undriven joint (N m)."""
+    return dataclasses.replace(LEADERBOARD.driven(robot), **{f"cf{2 - robot.joint}": friction})
+
+
+def test_weak_friction_counts_as_it_is_and_strong_friction_on_both_sides_of_where_control_is_lost(robot):
+    """There the torque does not reach the growing motion: the least singular value of [B AB A²B A³B] is 0."""
+    joint = 1 - robot.joint
+    assert counted(rough(robot, 0.02), robot).damping[joint] == pytest.approx(0.02 + 0.02**2 / 0.012)
+    assert counted(rough(robot, -0.02), robot).damping[joint] == -0.02
+    far, near = (counted(rough(robot, 0.1), robot, far).damping[joint] for far in (True, False))
+    lost = near / 3
+    assert far == pytest.approx(0.4 * lost)
+    reach = []
+    for damping in (far, lost, near):
+        plant = dataclasses.replace(rough(robot, 0.0), **{f"b{joint + 1}": damping})
+        (A,), (B,), _ = linearised(plant, robot, UPRIGHT[None], np.zeros(1))
+        # The growing motion's own row: w A = λ w, and w B is how the torque reaches it.
+        rates, rows = np.linalg.eig(A.T)
+        row = rows[:, np.argsort(rates.real)[-1]].real, rows[:, np.argsort(rates.real)[-2]].real
+        reach.append(min((w @ B for w in row), key=abs))
+    assert abs(reach[1]) < 1e-6 * min(abs(reach[0]), abs(reach[2]))
+    # Friction above it has the design beyond it alone.
+    beyond = rough(robot, 1.2 * lost)
+    assert counted(rough(robot, 0.9 * lost), robot).two
+    assert not counted(beyond, robot).two
+    assert counted(beyond, robot, True) == counted(beyond, robot, False)
+
+
+def test_strong_friction_has_a_design_far_from_the_top_and_one_near_it(robot):
+    plant = rough(robot, 0.1)
+    found, e = NumpyRegulator(SETTINGS, plant, robot), unit_error(plant, robot)
+    far = []
+    for size in (0.0, 0.9, 1.1, np.nan, 0.9, 0.0):
+        found(state_of(np.sqrt(size) * e))
+        far.append(bool(found.state.far))
+    assert far == [False, False, True, True, True, False]
+    weak = NumpyRegulator(SETTINGS, rough(robot, 0.02), robot)
+    weak(np.zeros(4))
+    assert not weak.state.far
 
 
 class Marked(AbstractController):

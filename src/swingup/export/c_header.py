@@ -286,9 +286,11 @@ def identifier_data(loop: Identifier) -> Data:
 
 def regulator_data(loop: Regulator) -> Data:
     """The regulator's costs and bounds, and the cost-to-go of the policy's plant."""
-    names = "COULOMB_DAMPING", "RICCATI_STEP", "RICCATI_STEPS", "DRY_SHARE", "DRY_KNEE"
+    names = "COULOMB_DAMPING", "RICCATI_STEP", "RICCATI_STEPS", "STRONG", "NEAR_DAMPING", "FAR_DAMPING", "TINY"
+    laws = {name: getattr(regulator, name) for name in ("WEAK", "NEAR", "FAR")}
     return {
-        **{name: getattr(regulator, name) for name in names},
+        **{name: getattr(regulator, name) for name in (*names, "FAR_ABOVE", "NEAR_BELOW")},
+        **{f"{name}_{what}": law[i] for name, law in laws.items() for i, what in enumerate(("SHARE", "KNEE"))},
         **{name.upper(): value for name, value in asdict(loop.settings).items()},
         "TORQUE_WEIGHT": regulator.R,
         "state_weights": np.array(regulator.Q),

@@ -100,9 +100,9 @@ def regulator_loop(settings: RegulatorSettings, plant: Plant, joint: int, limit:
     return regulator.make_loop(settings, plant, joint, limit, lambda P: np.pad(P, (0, 1)), advanced, cost, command)
 
 
-def held(loop: Loop, base: Sequence[float]) -> Held:
-    """What to hold for base parameters θ (9,): its step is [A d b; 0 1 0; 0 0 0]."""
-    found = regulator.held(loop, base)
+def held(loop: Loop, base: Sequence[float], far: bool) -> Held:
+    """What to hold for base parameters θ (9,), far or near: its step is [A d b; 0 1 0; 0 0 0]."""
+    found = regulator.held(NUMPY, loop, base, far)
     (a1, a2, a3, a4), (d1, d2, d3, d4), (b1, b2, b3, b4) = found.step
     rows = [*a1, d1, b1, *a2, d2, b2, *a3, d3, b3, *a4, d4, b4, *CONSTANT]
     return found._replace(step=np.array(rows).reshape(6, 6))
@@ -158,7 +158,7 @@ class NumpyPolicy:
         self._regulator: regulator.Loop | None = None
         if policy.regulator is not None:
             self._regulator = regulator_loop(policy.regulator, policy.plant, joint, policy.torque_limit)
-            self._held = held(self._regulator, (base_parameters(policy.plant) / self._base_units).tolist())
+        self._base = (base_parameters(policy.plant) / self._base_units).tolist()
         self.reset()
 
     def reset(self) -> None:
@@ -195,13 +195,13 @@ class NumpyPolicy:
         if self.loop.finding is None or self.state.identified is None:
             return
         self.found = identifier.found(NUMPY, self.loop.finding, self.state.identified)
-        if self._regulator is not None:
-            self._held = held(self._regulator, self.found.residual_base)
+        self._base = self.found.residual_base
 
     def _torque(self, x: np.ndarray) -> float:
         """The torque (N m) of the regulator where it acts, or of the policy, for the state in C.1's units."""
         if self._regulator is not None:
-            self._regulated, torque = regulator.regulate(NUMPY, self._regulator, self._regulated, self._held, x)
+            plant = held(self._regulator, self._base, bool(self._regulated.far))
+            self._regulated, torque = regulator.regulate(NUMPY, self._regulator, self._regulated, plant, x)
             if self._regulated.acting:
                 return float(torque) * self._torque_unit
         if self.found is not None:

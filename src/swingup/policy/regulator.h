@@ -10,6 +10,7 @@
 typedef struct {
     int begun;               /* 0 before the first call */
     int acting;              /* whether the regulator acts */
+    int far;                 /* whether the state is far from the top: which of two designs counts */
     double cost_to_go[4][4]; /* P of the errors */
     double friction[4];      /* its column of the friction f */
 } swingup_regulator;
@@ -25,8 +26,39 @@ static inline void swingup_mass(const double theta[9], double cosine, double mas
     mass[2] = theta[1] + reflected;
 }
 
-/* [A b d] of one step of the recursion, for base parameters theta. */
-static inline void swingup_upright(const double theta[9], double step[4][6])
+/* How friction counts far from the top or near it: the damping of both joints (N m s/rad), and the torque
+ * -friction[0] atan(friction[1] rate). Whether there are two designs. */
+static inline int swingup_dry_friction(const double theta[9], int far, double damping[2], double friction[2])
+{
+    const int undriven = 1 - SWINGUP_DRIVEN;
+    const double second = SWINGUP_GRAVITY * theta[2], first = undriven ? 0.0 : SWINGUP_GRAVITY * theta[3];
+    const double dry = theta[6 + undriven];
+    double mass[3], slack, lost;
+    int j, two;
+
+    for (j = 0; j < 2; j++) {
+        const double coulomb = theta[6 + j], more = coulomb > 0.0 ? coulomb / SWINGUP_COULOMB_DAMPING : 0.0;
+        damping[j] = theta[4 + j] + coulomb + coulomb * more;
+    }
+    friction[0] = SWINGUP_WEAK_SHARE * dry;
+    friction[1] = SWINGUP_WEAK_KNEE;
+    /* The damping at which the torque does not move the growing motion, less the joint's own. */
+    swingup_mass(theta, 1.0, mass);
+    slack = (first + second) * mass[1] - mass[2 * undriven] * second;
+    lost = slack / sqrt(fmax(second * mass[1], SWINGUP_TINY)) - theta[4 + undriven];
+    if (!(lost > 0.0 && dry > SWINGUP_STRONG * lost)) {
+        return 0;
+    }
+    two = dry < lost;
+    far = far && two;
+    damping[undriven] = theta[4 + undriven] + lost * (far ? SWINGUP_FAR_DAMPING : SWINGUP_NEAR_DAMPING);
+    friction[0] = (far ? SWINGUP_FAR_SHARE : SWINGUP_NEAR_SHARE) * dry;
+    friction[1] = far ? SWINGUP_FAR_KNEE : SWINGUP_NEAR_KNEE;
+    return two;
+}
+
+/* [A b d] of one step of the recursion, for base parameters theta and the damping of both joints. */
+static inline void swingup_upright(const double theta[9], const double damping[2], double step[4][6])
 {
     const double h = SWINGUP_RICCATI_STEP, half = 0.5 * h * h;
     const double gravity2 = SWINGUP_GRAVITY * theta[2], gravity1 = SWINGUP_GRAVITY * theta[3];
@@ -42,9 +74,8 @@ static inline void swingup_upright(const double theta[9], double step[4][6])
     /* The accelerations: [X Y] e, and the inverse of the mass matrix times the torques. */
     for (i = 0; i < 2; i++) {
         for (j = 0; j < 2; j++) {
-            const double dry = theta[6 + j], more = dry > 0.0 ? dry / SWINGUP_COULOMB_DAMPING : 0.0;
             slope[i][j] = inverse[i][0] * gravity[0][j] + inverse[i][1] * gravity[1][j];
-            slope[i][j + 2] = -inverse[i][j] * (theta[4 + j] + dry + dry * more);
+            slope[i][j + 2] = -inverse[i][j] * damping[j];
         }
     }
     for (i = 0; i < 2; i++) {
@@ -131,14 +162,15 @@ static inline int swingup_regulate(swingup_regulator *c, const double theta[9], 
 {
     const int finite = swingup_finite(x, 4);
     const double dry = theta[7 - SWINGUP_DRIVEN];
-    double step[4][6], error[4], share = SWINGUP_TORQUE_WEIGHT, cost = 0.0, friction;
-    int i, j, outwards;
+    double step[4][6], damping[2], counted[2], error[4], share = SWINGUP_TORQUE_WEIGHT, cost = 0.0, friction;
+    int i, j, outwards, two;
 
     if (!c->begun) {
         swingup_start(c);
     }
     c->begun = 1;
-    swingup_upright(theta, step);
+    two = swingup_dry_friction(theta, c->far, damping, counted);
+    swingup_upright(theta, damping, step);
     for (i = 0; i < SWINGUP_RICCATI_STEPS; i++) {
         swingup_riccati(c, step);
     }
@@ -150,7 +182,7 @@ static inline int swingup_regulate(swingup_regulator *c, const double theta[9], 
     error[1] = swingup_turned(x[1]);
     error[2] = x[2];
     error[3] = x[3];
-    friction = -SWINGUP_DRY_SHARE * dry * atan(SWINGUP_DRY_KNEE * x[3 - SWINGUP_DRIVEN]);
+    friction = -counted[0] * atan(counted[1] * x[3 - SWINGUP_DRIVEN]);
     outwards = swingup_as_if_linear(theta, error);
     for (i = 0; i < 4; i++) {
         double pushed = 0.0;
@@ -169,6 +201,7 @@ static inline int swingup_regulate(swingup_regulator *c, const double theta[9], 
     if (finite) {
         const double enter = SWINGUP_ENTER / (1.0 + fabs(dry) / SWINGUP_ENTER_COULOMB);
         const double leave = enter + (SWINGUP_LEAVE - SWINGUP_ENTER) / (1.0 + fabs(dry) / SWINGUP_LEAVE_COULOMB);
+        c->far = two && cost > (c->far ? SWINGUP_NEAR_BELOW : SWINGUP_FAR_ABOVE);
         c->acting = outwards && (c->acting ? cost <= leave : cost < enter);
     }
     return c->acting;

@@ -9,9 +9,15 @@ each call does a few steps of the Riccati equation's recursion,
 so that the cost-to-go P follows θ within a tenth of a second. P starts at the fixed point for the file's plant, and
 starts again if it is not finite. Neither time nor the number of calls enters.
 
-Dry friction of the undriven joint would make it hunt in growing cycles. It counts as a torque f that stays as it is
-now, and f as a fifth error, with its row and column in A and P: e ← A e + d f + b u. What f² alone costs has no
-bound and moves no torque: that entry of P stays 0.
+Dry friction of the undriven joint would make it hunt in growing cycles. It counts twice (``dry_friction``): as
+damping, and as a torque f that stays as it is now, with f as a fifth error, with its row and column in A and P:
+e ← A e + d f + b u. What f² alone costs has no bound and moves no torque: that entry of P stays 0.
+
+At one damping d* of the undriven joint u does not move the growing motion e^λt, λ² = Γ12 / M12, with gravity's
+slopes Γ and masses M upright: gains grow without bound towards it, and all four have the other sign beyond. Dry
+friction cf acts as more damping than d* while the joint is slower than some 2 cf / d*, and as less while it is
+faster. So strong friction has two designs: one below d* far from the top, which catches the pendulum, and one
+beyond d* near the top, which brings it to rest, where the first would keep it swinging by a third of a radian.
 
 The regulator takes over where eᵀ P e is below a first bound, and acts while it is at most a second one
 (``held``) and gravity pushes the undriven joint outwards; a state that is not finite changes nothing. Its torque is
@@ -34,7 +40,7 @@ from ..common.errors import SwingupError
 from ..common.riccati import solve_riccati
 from ..common.settings import Range, Settings
 from ..plant.base_parameters import Geometry, base_parameters, friction_of, geometry_of, lumped
-from ..plant.equations import ArrayOps, Lumped, Number, mass_entries
+from ..plant.equations import NUMPY, ArrayOps, Lumped, Number, Pair, mass_entries
 from ..plant.plant import Plant
 from ..plant.units import C1, TORQUE, arm_scales, scaled, similar_plant
 
@@ -43,10 +49,21 @@ STATE_WEIGHTS = (1.0, 1.0, 0.1, 0.1)
 TORQUE_WEIGHT = 1.0
 """r (1/N²m²)."""
 COULOMB_DAMPING = 0.012
-"""Coulomb friction cf (N m) counts as damping cf + cf² / this (N m s/rad), one that drives, below 0, as cf."""
-DRY_SHARE, DRY_KNEE = 0.7, 10.0
-"""The undriven joint's counts besides as a torque that stays: this share of cf arctan(knee q̇), knee in s/rad.
+"""Weak Coulomb friction cf (N m) counts as damping cf + cf² / this (N m s/rad), one that drives, below 0, as cf."""
+WEAK = (0.7, 10.0)
+"""The undriven joint's counts besides as a torque that stays, share · cf arctan(knee q̇): share, and knee (s/rad).
 With damping of cf alone and half of the torque it fells half of the acrobots that have it (``lab/adaptive.md``)."""
+STRONG = 1.0 / 3.0
+"""Friction of the undriven joint is strong above this share of d* (times 1 rad/s). Below it the loop's delay and
+the estimate's errors decide, and the law of weak friction was chosen in that loop."""
+NEAR_DAMPING, NEAR = 3.0, (1.0, 20.0)
+"""Near the top strong friction counts as this multiple of d*, and with this share and knee."""
+FAR_DAMPING, FAR = 0.4, (0.5, 8.0)
+"""Far from it likewise. Friction above d* itself has no such design: none was found that catches the pendulum."""
+FAR_ABOVE, NEAR_BELOW = 1.0, 0.3
+"""Costs-to-go above and below which the two designs change over."""
+TINY = 1e-12
+"""Least square of a denominator."""
 RICCATI_STEP = 0.005
 """Step h of the recursion (s)."""
 RICCATI_STEPS = 4
@@ -79,9 +96,13 @@ class RegulatorSettings(Settings):
 
 
 def fixed_point(plant: Plant, driven: int) -> tuple[np.ndarray, np.ndarray]:
-    """The cost-to-go P (5, 5) of [e, f] at which the recursion for a plant stays, and K (5,) of u = -K [e, f]."""
-    theta, geometry = base_parameters(plant), geometry_of(plant)
-    a, d, b = map(np.array, upright_step(theta, geometry, driven, COULOMB_DAMPING, RICCATI_STEP))
+    """The cost-to-go P (5, 5) of [e, f] at which the recursion for a plant stays, and K (5,) of u = -K [e, f].
+
+    Of two designs it is the one near the top.
+    """
+    theta, geometry = base_parameters(plant).tolist(), geometry_of(plant)
+    damping = dry_friction(NUMPY, theta, geometry, driven, False).damping
+    a, d, b = map(np.array, upright_step(theta, geometry, driven, damping, RICCATI_STEP))
     with np.errstate(all="ignore"):
         try:
             found = np.pad(solve_riccati(a, np.outer(b, b) / R, np.diag(Q)), (0, 1))
@@ -99,6 +120,46 @@ def fixed_point(plant: Plant, driven: int) -> tuple[np.ndarray, np.ndarray]:
     return found, np.append(gains, against)
 
 
+class DryFriction(NamedTuple):
+    """How the undriven joint's Coulomb friction counts."""
+
+    damping: Pair
+    """Damping of both joints, b and what Coulomb friction counts as (N m s/rad)."""
+    torque: Number
+    """Share of the friction times the friction (N m); the torque is -torque · arctan(knee q̇)."""
+    knee: Number
+    """s/rad"""
+    two: Any
+    """Whether there are two designs, near the top and far from it."""
+
+
+def dry_friction(ops: ArrayOps, theta: Any, geometry: Geometry, driven: int, far: Any) -> DryFriction:
+    """What friction counts as for base parameters θ (9,), far from the top or near it."""
+    plant, (viscous, coulomb) = lumped(theta, geometry), friction_of(theta)
+    # (cf + |cf|) cf is 2 cf² for friction that resists, and 0 for one that drives.
+    damping = [
+        b + cf + (cf + abs(cf)) * cf / (2.0 * COULOMB_DAMPING) for b, cf in zip(viscous, coulomb, strict=True)
+    ]
+    undriven, cf, first = 1 - driven, coulomb[1 - driven], (plant.gravity1, 0.0)[1 - driven]
+    # d* = (Γ_jj - M_jj λ²) / λ of the undriven joint j, less its damping. Where it is not positive, no damping
+    # takes the control.
+    masses = mass_entries(plant, 1.0)
+    slack = (first + plant.gravity2) * masses[1] - masses[2 * undriven] * plant.gravity2
+    lost = slack / ops.root(ops.maximum(plant.gravity2 * masses[1], TINY)) - viscous[undriven]
+    strong = (lost > 0.0) & (cf > STRONG * lost)
+    two = strong & (cf < lost)
+    far = far & two
+
+    def law(weak: float, near: float, distant: float) -> Number:
+        return ops.where(far, distant, ops.where(strong, near, weak))
+
+    damping[undriven] = ops.where(
+        strong, viscous[undriven] + lost * ops.where(far, FAR_DAMPING, NEAR_DAMPING), damping[undriven]
+    )
+    (share, knee) = (law(*each) for each in zip(WEAK, NEAR, FAR, strict=True))
+    return DryFriction((damping[0], damping[1]), share * cf, knee, two)
+
+
 class Discrete(NamedTuple):
     """e ← A e + d f + b u over one step."""
 
@@ -110,20 +171,18 @@ class Discrete(NamedTuple):
     """(4,), of the torque u on the driven joint."""
 
 
-def upright_step(theta: Any, geometry: Geometry, driven: int, coulomb_damping: Number, h: float) -> Discrete:
+def upright_step(theta: Any, geometry: Geometry, driven: int, damping: Pair, h: float) -> Discrete:
     """A = I + h A_c + h² A_c² / 2, b = h b_c + h² A_c b_c / 2 and d, alike, of the linear equations.
 
-    The mass matrix of θ is positive definite. c is ``coulomb_damping`` (N m rad/s), the step's length h (s).
+    The mass matrix of θ is positive definite. ``damping`` is that of both joints (N m s/rad), h the
+    length of a step (s).
     """
-    plant, ((b1, b2), (cf1, cf2)) = lumped(theta, geometry), friction_of(theta)
+    plant, (damping1, damping2) = lumped(theta, geometry), damping
     m11, m12, m22 = mass_entries(plant, 1.0)
     scale = 1.0 / (m11 * m22 - m12 * m12)
     i11, i12, i22 = m22 * scale, -m12 * scale, m11 * scale
     # A_c = [[0, I], [X, Y]] with X = M⁻¹ G and Y = -M⁻¹ D; b_c = [0, w].
     second, first = plant.gravity2, plant.gravity1 + plant.gravity2
-    # (cf + |cf|) cf is 2 cf² for friction that resists, and 0 for one that drives.
-    damping1 = b1 + cf1 + (cf1 + abs(cf1)) * cf1 / (2.0 * coulomb_damping)
-    damping2 = b2 + cf2 + (cf2 + abs(cf2)) * cf2 / (2.0 * coulomb_damping)
     x11, x12 = i11 * first + i12 * second, (i11 + i12) * second
     x21, x22 = i12 * first + i22 * second, (i12 + i22) * second
     y11, y12, y21, y22 = -i11 * damping1, -i12 * damping2, -i12 * damping1, -i22 * damping2
@@ -159,6 +218,8 @@ class RegulatorState(NamedTuple):
     """P, as the loop keeps it."""
     acting: Any
     """Whether the regulator acts."""
+    far: Any
+    """Whether the state is far from the top: which of two designs counts, where friction has two."""
 
 
 class Held(NamedTuple):
@@ -168,8 +229,8 @@ class Held(NamedTuple):
     """θ as the equations of motion have it."""
     step: Any
     """A, d and b: ``Discrete``, or what the loop makes of it."""
-    dry: Number
-    """What counts of the undriven joint's Coulomb friction (N m)."""
+    dry: DryFriction
+    """How the undriven joint's Coulomb friction counts."""
     enter: Number
     """Cost-to-go below which the regulator takes over."""
     leave: Number
@@ -216,17 +277,18 @@ def make_loop(
 
 def begin(maths: ArrayOps, loop: Loop) -> RegulatorState:
     """The policy acts."""
-    return RegulatorState(maths.xp.asarray(loop.start), maths.xp.array(False))
+    return RegulatorState(maths.xp.asarray(loop.start), maths.xp.array(False), maths.xp.array(False))
 
 
-def held(loop: Loop, theta: Any) -> Held:
-    """What to hold for base parameters θ (9,)."""
-    step: Discrete = upright_step(theta, loop.geometry, loop.joint, COULOMB_DAMPING, RICCATI_STEP)
+def held(maths: ArrayOps, loop: Loop, theta: Any, far: Any) -> Held:
+    """What to hold for base parameters θ (9,), far from the top or near it (``RegulatorState.far``)."""
+    dry = dry_friction(maths, theta, loop.geometry, loop.joint, far)
+    step: Discrete = upright_step(theta, loop.geometry, loop.joint, dry.damping, RICCATI_STEP)
     s, coulomb = loop.settings, friction_of(theta).coulomb[1 - loop.joint]
     # Dry friction of the undriven joint makes a linear regulator hunt about the top in growing cycles.
     enter = s.enter / (1.0 + abs(coulomb) / s.enter_coulomb)
     leave = enter + (s.leave - s.enter) / (1.0 + abs(coulomb) / s.leave_coulomb)
-    return Held(lumped(theta, loop.geometry), step, DRY_SHARE * coulomb, enter, leave)
+    return Held(lumped(theta, loop.geometry), step, dry, enter, leave)
 
 
 def regulate(
@@ -239,11 +301,13 @@ def regulate(
     e, outwards = as_if_linear(maths, plant.lumps, loop.joint, x)
     cost, finite, limit = loop.cost(P, e), maths.finite(x), loop.torque_limit
     within = maths.where(state.acting, cost <= plant.leave, cost < plant.enter) & (outwards > 0.0)
-    friction = -plant.dry * maths.arctan(DRY_KNEE * maths.numbers(x)[3 - loop.joint])
+    friction = -plant.dry.torque * maths.arctan(plant.dry.knee * maths.numbers(x)[3 - loop.joint])
     torque = maths.clip(loop.command(P, plant.step, (*e, friction)), -limit, limit)
     # The clip would make an infinite rate the largest torque.
     torque = maths.where(finite, torque, math.nan)
-    return RegulatorState(P, maths.where(finite, within, state.acting)), torque
+    far = maths.where(state.far, cost > NEAR_BELOW, cost > FAR_ABOVE) & plant.dry.two
+    acting, far = (maths.where(finite, *each) for each in ((within, state.acting), (far, state.far)))
+    return RegulatorState(P, acting, far), torque
 
 
 def as_if_linear(maths: ArrayOps, plant: Lumped, driven: int, x: Any) -> tuple[tuple[Number, ...], Number]:

@@ -68,7 +68,8 @@ class RegulatingController(AbstractPlantController[RegulatorMemory]):
         # Always, so that a policy with a memory keeps it while the regulator acts.
         inner, u = call_for_plant(self.controller, carry.controller, t, x, base)
         base = jnp.asarray(base, carry.regulator.cost_to_go.dtype)
-        held = regulator.held(self.loop, unpack(self.scales.similar(base, *BASE_UNITS)))
+        theta, far = unpack(self.scales.similar(base, *BASE_UNITS)), carry.regulator.far
+        held = regulator.held(JAX, self.loop, theta, far)
         seen = self.scales.similar(x, *STATE)
         state, torque = regulator.regulate(JAX, self.loop, carry.regulator, held, seen)
         regulated = self.scales.scaled(torque, TORQUE).astype(u.dtype) * jnp.array(self.robot.actuation, u.dtype)
