@@ -1,7 +1,6 @@
 """Baselines that are designed for other plants, and swing-ups that are continued to them."""
 
 import dataclasses
-import re
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +14,6 @@ from swingup.benchmark.robustness_board import upright
 from swingup.benchmark.rollout import Scenario
 from swingup.benchmark.runner import run_one
 from swingup.controllers.baselines import baselines, continuation
-from swingup.controllers.baselines import upright as top
 from swingup.controllers.baselines.baselines import (
     baseline,
     design_of,
@@ -29,12 +27,14 @@ from swingup.controllers.baselines.continuation import (
     nominal_swingups,
 )
 from swingup.controllers.baselines.settings import OPTIMAL_SETTINGS, PUBLISHED_SETTINGS, optimal_for, published_for
-from swingup.controllers.baselines.upright import holding_lqr, linear_friction, upright_lqr
+from swingup.controllers.baselines.upright import LQR
+from swingup.controllers.stack.regulator import RegulatingController
 from swingup.controllers.swingups import design
 from swingup.controllers.swingups.ilqr import Solution
 from swingup.controllers.swingups.reference import Reference
 from swingup.dynamics.dynamics import UPRIGHT
 from swingup.dynamics.integrate import rk4_step
+from swingup.plant.base_parameters import base_parameters
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, NAMES, get_robot
 from swingup.plant.units import scales_of
@@ -128,33 +128,13 @@ def test_friction_of_the_driven_joint_is_compensated(robot, similar, x64):
     np.testing.assert_allclose(own(own.init(), 0.0, x)[1], expected, rtol=1e-8)
 
 
-@pytest.mark.slow
-def test_friction_of_the_passive_joint_is_counted_on_and_where_that_fails_is_said(caplog):
-    """The pendubot's regulator holds from most starts near upright, the acrobot's on A.0 from few."""
-    for name in ("pendubot", "acrobot"):
-        robot = get_robot(name)
-        own = design_of(robot, load_plant("A.0"))
-        arguments = robot, own.published.lqr, 0.002 / own.scales.time
-        assert holding_lqr(own.model, *arguments).friction is None
-        found = holding_lqr(own.rubbing, *arguments)
-        assert found.friction is not None
-        assert ("its regulator holds this plant from" in caplog.text) is (name == "acrobot")
-        with jax.enable_x64(True):
-            plain = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], upright_lqr(own.model, *arguments[:2]))
-            held = top._errors_held(plain, own.rubbing, arguments[2]) < top.FALLEN_ANGLE
-        assert not held.any()  # without it the pendulum falls from everywhere
-
-
-@pytest.mark.slow
-def test_a_heavy_acrobot_with_much_friction_is_held(caplog):
-    """By none of the two settings that suit the shipped designs."""
-    links = {"m1": 1.5, "l1": 0.25, "r1": 0.125, "I1": 0.03125, "m2": 1.2, "l2": 0.3, "r2": 0.15, "I2": 0.036}
-    losses = {"Ir": 0.0, "b1": 0.01, "b2": 0.01, "cf1": 0.3, "cf2": 0.2, "tl1": 12.0, "tl2": 12.0}
-    own = design_of(get_robot("acrobot"), load_plant("C.1").changed(**links, **losses))
-    arguments = get_robot("acrobot"), own.published.lqr
-    holding_lqr(own.rubbing, *arguments, 0.002 / own.scales.time)
-    assert int(re.search(r"from (\d+) of 32", caplog.text)[1]) >= 16
-    assert top._best(own.rubbing, *arguments, top.COUNTINGS, 0.002 / own.scales.time)[1] == 0
+def test_the_top_counts_on_the_passive_joints_friction(robot):
+    """It is the policies' regulator, for the plant with this friction, and the published LQR without."""
+    own = design_of(robot, load_plant("A.0"))
+    top = baseline("lqr", robot, "A.0").controller
+    assert isinstance(top, RegulatingController)
+    np.testing.assert_array_equal(top.base, base_parameters(own.with_friction))
+    assert isinstance(baseline("lqr", robot, load_plant("A.0").frictionless()).controller, LQR)
 
 
 @pytest.mark.slow
@@ -237,13 +217,6 @@ def test_plants_move_by_steps_of_their_own(monkeypatch):
     # Two plants fill a batch of three. 0.2 + 0.3 + 0.4 + 0.1 are four rounds.
     assert set(called) == {3}
     assert told[:5] == [(0, 2), (0, 2), (0, 2), (0, 2), (1, 2)]
-
-
-def test_coulomb_friction_becomes_damping():
-    plant = dataclasses.replace(NOMINAL, b1=0.01, cf1=0.1, b2=0.02, cf2=-0.05)
-    found = linear_friction(plant)
-    assert (found.b1, found.b2) == pytest.approx((0.11, -0.03))
-    assert dataclasses.replace(found, b1=0.01, cf1=0.1, b2=0.02, cf2=-0.05) == plant
 
 
 @pytest.mark.slow

@@ -100,9 +100,9 @@ def fixed_point(plant: Plant, driven: int) -> tuple[np.ndarray, np.ndarray]:
 
     Of two designs it is the one near the top.
     """
-    theta, geometry = base_parameters(plant).tolist(), geometry_of(plant)
-    damping = dry_friction(NUMPY, theta, geometry, driven, False).damping
-    a, d, b = map(np.array, upright_step(theta, geometry, driven, damping, RICCATI_STEP))
+    damping = near_the_top(plant, driven).damping
+    step = upright_step(base_parameters(plant), geometry_of(plant), driven, damping, RICCATI_STEP)
+    a, d, b = map(np.array, step)
     with np.errstate(all="ignore"):
         try:
             found = np.pad(solve_riccati(a, np.outer(b, b) / R, np.diag(Q)), (0, 1))
@@ -158,6 +158,11 @@ def dry_friction(ops: ArrayOps, theta: Any, geometry: Geometry, driven: int, far
     )
     (share, knee) = (law(*each) for each in zip(WEAK, NEAR, FAR, strict=True))
     return DryFriction((damping[0], damping[1]), share * cf, knee, two)
+
+
+def near_the_top(plant: Plant, driven: int) -> DryFriction:
+    """What the friction of a plant counts as near the top."""
+    return dry_friction(NUMPY, base_parameters(plant).tolist(), geometry_of(plant), driven, False)
 
 
 class Discrete(NamedTuple):

@@ -36,7 +36,7 @@ from ..loop.draw import draw_values
 from ..plant.base_parameters import base_parameters
 from ..plant.plant import LEADERBOARD, NAMES, Plant, Robot, validated
 from ..plant.units import C1, TORQUE, Scales, arm_scales, scaled, scales_of, similar_plant
-from ..policy.regulator import DRY_KNEE, DRY_SHARE, fixed_point
+from ..policy.regulator import fixed_point, near_the_top
 from .gradient import single_precision
 
 GEAR = LEADERBOARD.gr  # gear ratio of the motors of design C.1
@@ -206,6 +206,8 @@ class Teachers(eqx.Module):
     gains: Float[Array, "n rows 4"]  # K of u + K (x - x_i) (N m/rad, N m s/rad)
     top_gains: Float[Array, "n 5"]  # K of u = -K [e, f], as of the regulator
     coulomb: Float[Array, "n"]  # Coulomb friction of the undriven joint (N m)
+    dry_torque: Float[Array, "n"]  # torque that it counts as at the top (N m), times arctan(knee q̇)
+    dry_knee: Float[Array, "n"]  # that knee (s/rad)
     cost_to_go: Float[Array, "n 4 4"]  # P of eᵀ P e
 
     @property
@@ -252,6 +254,7 @@ def make_teachers(swingups: SwingUps, nominal: Plant = LEADERBOARD) -> Teachers:
     held = [fixed_point(plant, swingups.robot.joint) for plant in plants]
     cost_to_go, gains = np.stack([P[:4, :4] for P, _ in held]), np.stack([K for _, K in held])
     coulomb = np.array([passive_friction(plant, swingups.robot) for plant in plants])
+    dry = np.array([near_the_top(plant, swingups.robot.joint)[1:3] for plant in plants])
     centre = base_parameters(nominal.driven(swingups.robot))
     bases = np.stack([base_parameters(plant) for plant in plants])
     states = swingups.states[:, :-1:ROW_STRIDE]
@@ -259,8 +262,8 @@ def make_teachers(swingups: SwingUps, nominal: Plant = LEADERBOARD) -> Teachers:
     costs = np.einsum("nri,nij,nrj->nr", errors, cost_to_go, errors)
     excluded = np.where(costs < ARRIVED_COST, EXCLUDED, 0.0)
     rows = states, excluded, swingups.torque[:, ::ROW_STRIDE], swingups.gains[:, ::ROW_STRIDE]
-    arrays = bases, np.tile(centre, (len(bases), 1)), *rows, gains, coulomb, cost_to_go
-    teachers: Teachers = single_precision(Teachers(swingups.plants, *arrays))  # type: ignore[arg-type]  # NumPy's
+    arrays = bases, np.tile(centre, (len(bases), 1)), *rows, gains, coulomb, *dry.T, cost_to_go
+    teachers: Teachers = single_precision(Teachers(swingups.plants, *arrays))
     return teachers
 
 
@@ -281,7 +284,7 @@ def teacher_torque(one: Teachers, recovery: PolicyController, x: State) -> tuple
     along = one.torque[row] + one.gains[row] @ off[row]
     outside = jnp.clip((distance / TUBE - 1 + TUBE_EDGE) / (2 * TUBE_EDGE), 0, 1)
     u = (1 - outside) * along + outside * matched_torque(recovery, one.plant, x)
-    friction = -DRY_SHARE * one.coulomb * jnp.arctan(DRY_KNEE * x[3 - recovery.robot.joint])
+    friction = -one.dry_torque * jnp.arctan(one.dry_knee * x[3 - recovery.robot.joint])
     at_top = -one.top_gains @ jnp.append(_from_upright(x), friction)
     u = jnp.where(top_cost(one, x) < TOP_COST / (1 + jnp.abs(one.coulomb) / TOP_COULOMB), at_top, u)
     return jnp.clip(u, -limit, limit), distance

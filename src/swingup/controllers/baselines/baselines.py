@@ -14,7 +14,6 @@ from ...common.checks import one_of
 from ...common.errors import SwingupError
 from ...common.types import State, Torque
 from ...dynamics.dynamics import UPRIGHT
-from ...loop.loop import LOOP_DT
 from ...loop.resolve import resolve
 from ...plant.equations import COULOMB_STEEPNESS
 from ...plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
@@ -24,7 +23,7 @@ from ..swingups.design import compute_reference, design_model
 from ..swingups.reference import Reference, load_reference
 from .settings import OPTIMAL_SETTINGS, PUBLISHED_SETTINGS, Optimal, Published, optimal_for, published_for
 from .tracking import mpc, riccati_controller, tvlqr
-from .upright import HAND_OVER, LatchingSwitch, holding_lqr, passive_friction
+from .upright import HAND_OVER, LatchingSwitch, holding_regulator, passive_friction, upright_lqr
 
 BASELINES = ("lqr", "tvlqr", "ilqr-riccati", "ilqr-mpc", "tvlqr-score")
 """Names of the baselines: the LQR at the top, and controllers that follow a swing-up and end with that LQR.
@@ -50,7 +49,7 @@ class Design:
     robot: Robot
     model: Plant
     """The similar pendulum, without dry friction."""
-    rubbing: Plant
+    with_friction: Plant
     """The plant with the dry friction of its passive joint."""
     scales: Scales
     """The plant's units as multiples of C.1's."""
@@ -75,14 +74,14 @@ def design_of(robot: Robot, plant: Plant) -> Design:
     model = design_model(plant, robot)
     scales = scales_of(model)
     # The driven joint's friction is compensated around the controller (``InOwnUnits``), which then has none.
-    rubbing = model.changed(**{f"cf{2 - robot.joint}": passive_friction(plant.driven(robot), robot)})
+    with_friction = model.changed(**{f"cf{2 - robot.joint}": passive_friction(plant.driven(robot), robot)})
     if model == design_model(LEADERBOARD, robot):
-        return Design(robot, model, rubbing, scales, published, optimal, shipped=True)
+        return Design(robot, model, with_friction, scales, published, optimal, shipped=True)
     if not scales.torque > 0:
         raise SwingupError(f"the {robot.name}'s motor has a torque limit of 0: raise tl{robot.joint + 1}")
     settings = published_for(published, scales.time), optimal_for(optimal, scales.time)
-    model, rubbing = similar_plant(model, scales), similar_plant(rubbing, scales)
-    return Design(robot, model, rubbing, scales, *settings, shipped=False)
+    model, with_friction = similar_plant(model, scales), similar_plant(with_friction, scales)
+    return Design(robot, model, with_friction, scales, *settings, shipped=False)
 
 
 def baseline(name: str, robot: Robot | str, plant: PlantLike = LEADERBOARD) -> AbstractController[Any]:
@@ -115,7 +114,8 @@ def _designed(name: str, design: Design) -> AbstractController[Any]:
     model, robot, published, optimal = design.model, design.robot, design.published, design.optimal
     for_score = name == "tvlqr-score"
     settings = optimal.lqr if for_score else published.lqr
-    top = holding_lqr(design.rubbing, robot, settings, LOOP_DT / design.scales.time)
+    lqr, friction = upright_lqr(model, robot, settings), passive_friction(design.with_friction, robot)
+    top: AbstractController[Any] = holding_regulator(design.with_friction, robot) if friction else lqr
     if name == "lqr":
         return top
     following: AbstractController[Any]
@@ -125,7 +125,7 @@ def _designed(name: str, design: Design) -> AbstractController[Any]:
     elif name == "ilqr-riccati":
         following, threshold = riccati_controller(reference, model), published.riccati_threshold
     else:
-        Qf = np.asarray(top.cost_to_go)
+        Qf = np.asarray(lqr.cost_to_go)
         if for_score:
             # Q and R are per second, as those of the LQR at the top, whose cost-to-go the recursion starts from.
             Q, R = reference.dt * np.diag(settings.state_weights), reference.dt * settings.torque_weight
@@ -134,9 +134,8 @@ def _designed(name: str, design: Design) -> AbstractController[Any]:
             s = published.tvlqr
             Q, R, pieces, threshold = np.diag(s.state_weights), s.torque_weight, s.pieces, published.tvlqr_threshold
             Qf = Qf if s.final_factor is None else s.final_factor * Q
-        following = tvlqr(reference, model, robot, (Q, R, Qf), pieces, passive_friction(design.rubbing, robot))
-    near = threshold if top.friction is None else HAND_OVER
-    return LatchingSwitch(following, top, np.array(near), robot)
+        following = tvlqr(reference, model, robot, (Q, R, Qf), pieces, friction)
+    return LatchingSwitch(following, top, np.array(HAND_OVER if friction else threshold), robot)
 
 
 def shipped_reference(robot: Robot | str, problem: str = "published") -> tuple[Reference, dict[str, Any]]:

@@ -32,10 +32,7 @@ from ..swingups.transition import PendulumTransition
 from .baselines import design_of, reaches_upright
 from .settings import OPTIMAL_SETTINGS
 from .tracking import riccati_controller
-from .upright import LQR, LatchingSwitch, LQRSettings, linear_friction, upright_lqr
-
-TOP_WEIGHTS = LQRSettings(state_weights=(1.0, 1.0, 0.1, 0.1), torque_weight=1.0, max_cost_to_go=1000.0)
-"""The best of those that were tried, with ``upright.linear_friction`` (``benchmarks/README.md``)."""
+from .upright import LatchingSwitch, holding_regulator
 
 _SOLVER = ILQRSettings(
     # A step needs no more precision: the next one starts from its end.
@@ -88,11 +85,6 @@ class ContinuationSettings:
     solver: ILQRSettings = _SOLVER
 
 
-HAND_OVER = ContinuationSettings().max_error
-"""|errors| below which the LQR takes over (rad, rad/s): no accepted swing-up ends farther away. A third and two
-thirds of it held one or two plants fewer of 240 drawn ones, of both robots."""
-
-
 class SwingUps(eqx.Module):
     """A swing-up for each of n plants, from hanging at rest."""
 
@@ -117,17 +109,15 @@ class SwingUps(eqx.Module):
         return Reference(self.robot, self.dt, self.states[index, :-1], self.torque[index], self.gains[index])
 
     def controller(self, index: int, plant: Plant) -> LatchingSwitch:
-        """Follows one plant's swing-up by time, and hands over to the plant's LQR.
+        """Follows one plant's swing-up by time, and hands over to the regulator of the plant with its friction.
 
         It does not recover from throws. It is an upper bound: no adaptive controller knows more of its plant.
         """
         following = riccati_controller(self.reference(index), plant)
-        return LatchingSwitch(following, plant_lqr(plant, self.robot), np.array(HAND_OVER), self.robot)
-
-
-def plant_lqr(plant: Plant, robot: Robot) -> LQR:
-    """The LQR at the top that is designed for a plant, Python's floats, with its friction."""
-    return upright_lqr(linear_friction(plant), robot, TOP_WEIGHTS)
+        # No accepted swing-up ends farther away. A third and two thirds of it held one or two plants fewer of 240
+        # drawn ones, of both robots.
+        hand_over = np.array(ContinuationSettings().max_error)
+        return LatchingSwitch(following, holding_regulator(plant, self.robot), hand_over, self.robot)
 
 
 def continue_swingups(
