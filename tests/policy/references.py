@@ -92,6 +92,9 @@ def policy(name):
         return policy_of(sighted_policy())
     if name == "acrobot-regulated":
         return dataclasses.replace(policy("acrobot-sighted"), regulator=RegulatorSettings())
+    if name == "acrobot-rough":  # its regulator has two designs, near the top and far from it
+        found = policy("acrobot-regulated")
+        return dataclasses.replace(found, plant=found.plant.changed(cf1=0.1))
     if name == "acrobot-told":  # its identifier tells policy and regulator what it finds
         near = RegulatorSettings(enter=5.0, leave=50.0, enter_coulomb=0.1, leave_coulomb=0.05)
         identifier = IdentifierSettings(load_deviation=0.05, spring_deviation=0.02)
