@@ -86,7 +86,7 @@ def test_an_adaptation_keeps_the_best_so_far_and_ends_where_a_stage_does_not_hel
     judged = iter([*successes, -1])
     monkeypatch.setattr(adapting, "judge", lambda *_, **__: types.SimpleNamespace(successes=next(judged)))
     out = tmp_path / "mine.safetensors"
-    found = adapt("acrobot", out, policy=policy, draws=50, watch=Watch(tell=lines.append))
+    found = adapt("acrobot", out, policy=policy, draws=50, watch=Watch(log=lines.append))
     assert recipes == ["adapt", *["recover"] * (stages - 1)]
     assert found.policy.regulator.leave == load_policy(str(out), "acrobot").regulator.leave == 10.0 + best
     assert (found.domain.name, found.result.successes) == ("recorded", -1)

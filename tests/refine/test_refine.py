@@ -181,7 +181,7 @@ def test_a_recipe_reports_repeats_itself_and_keeps_the_observation(monkeypatch):
     monkeypatch.setattr(gradient, "REPORT_EVERY", 2)
     policy, reports = policy_of(small()), []
     first = run_recipe(policy, (SHORT,), 5, report=reports.append)
-    assert [(each.stage, each.iteration, each.of) for each in reports] == [(1, 2, 4), (1, 4, 4)]
+    assert [(each.stage, each.iteration, each.total) for each in reports] == [(1, 2, 4), (1, 4, 4)]
     assert set(reports[0].measures) == {"nominal_score", "others_down"}
     again = run_recipe(policy, (SHORT,), 5)
     weights = [each.network.head.weight for each in (policy, first, again)]

@@ -112,4 +112,4 @@ def _adapt(robot: Robot, out: str, page: str | None, **options: Any) -> int:
 def _show(bar: Progress, now: RefinementReport) -> None:
     means = "".join(f"  {name.replace('_', ' ')} {value:.3f}" for name, value in now.measures.items())
     figures = f"score {now.criteria.score:.3f}{means}"
-    bar(f"stage {now.stage} of {len(now.stages)}", now.iteration, now.of, figures)
+    bar(f"stage {now.stage} of {len(now.stages)}", now.iteration, now.total, figures)

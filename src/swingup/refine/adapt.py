@@ -56,7 +56,7 @@ class Watch:
     """Called with each report of a recipe."""
     progress: StageProgress = lambda _, __, ___: None
     """Called with what is computed, how much of it is done, and of how much."""
-    tell: Callable[[str], Any] = _LOGGER.info
+    log: Callable[[str], Any] = _LOGGER.info
     """Called with a line about each policy that was judged."""
 
 
@@ -175,12 +175,12 @@ class _Attempts:
 
     def keep_best(self, what: str) -> bool:
         found = self.judged(CHOICE_SEED).successes
-        self.watch.tell(f"{what}: {found} of {self.seeds} draws")
+        self.watch.log(f"{what}: {found} of {self.seeds} draws")
         if found > self.successes:
             self.content, self.successes = self.out.read_bytes(), found
             return True
         write_atomically(self.out, self.content)
-        self.watch.tell(f"{self.out} has the one before")
+        self.watch.log(f"{self.out} has the one before")
         return False
 
 

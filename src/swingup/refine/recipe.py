@@ -107,8 +107,8 @@ class RefinementReport:
     """The present one, counted from 1."""
     iteration: int
     """Gradient steps of this stage so far; rounds of a distillation."""
-    of: int
-    """The same in all."""
+    total: int
+    """Gradient steps or rounds of the whole stage."""
     seconds: float
     """Since the recipe began."""
     policy: PendulumPolicy
@@ -160,8 +160,8 @@ def run_recipe(
     limit = float(around.high.loop.passive_limit)
     random, start = np.random.default_rng(seed), time.perf_counter()
 
-    def tell(
-        number: int, of: int, now: PolicyController, iteration: int, measures: dict[str, float] | None = None
+    def judge_and_report(
+        number: int, total: int, now: PolicyController, iteration: int, measures: dict[str, float] | None = None
     ) -> None:
         if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(now.policy.actor)):
             raise SwingupError("refining diverged: weights are not finite; start from another policy or seed")
@@ -170,20 +170,20 @@ def run_recipe(
         judged = make_controller(wrapped) if real else policy_alone(wrapped)
         criteria = judge(judged, robot, plant=found).criteria
         seconds = time.perf_counter() - start
-        report(RefinementReport(stages, number, iteration, of, seconds, wrapped, criteria, measures or {}))
+        report(RefinementReport(stages, number, iteration, total, seconds, wrapped, criteria, measures or {}))
 
     for number, stage in enumerate(stages, start=1):
         if isinstance(stage, GradientStage):
-            controller = descend(controller, stage, random, partial(tell, number, stage.steps), similar)
+            controller = descend(controller, stage, random, partial(judge_and_report, number, stage.steps), similar)
             continue
         targets = draw_plants(random, robot, stage.draws, similar, around)
         if isinstance(stage, RecoveryStage):
-            told, regulator = partial(tell, number, 1), HAND_OVER[robot.name]
-            controller = recover(controller, targets, stage, random, regulator, told, progress)
+            after_part, regulator = partial(judge_and_report, number, 1), HAND_OVER[robot.name]
+            controller = recover(controller, targets, stage, random, regulator, after_part, progress)
         else:
             training = make_training_set(controller, targets, stage.copies, partial(progress, "swing-ups"))
-            told = partial(tell, number, stage.rounds + 1)
-            controller = distil(training, stage, random, told, progress)
+            after_round = partial(judge_and_report, number, stage.rounds + 1)
+            controller = distil(training, stage, random, after_round, progress)
     return wrapped_policy(for_similar_plant(controller, facts), limit)
 
 
