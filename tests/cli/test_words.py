@@ -62,6 +62,7 @@ NONSENSE = [
     ("demo --out .", ". exists: choose another --out"),
     ("sweep acrobot --seeds 2147483648", "2,147,483,648 runs"),
     ("sweep acrobot --no-pruning", "--trials"),
+    ("sweep acrobot --workers 2 --scheduler tcp://x:1", "--workers 2 does not go with --scheduler"),
     ("sweep acrobot --set learning_rate=1,1 --frames 64", "once"),
     ("sweep acrobot --set learning_rate", "NAME=VALUE"),
     ("sweep acrobot --set learnig_rate=3", "learning_rate?"),
