@@ -83,9 +83,9 @@ READERS = {
 }
 """What reads each kind of file."""
 
-LONGEST = 2000
+MAX_MESSAGE_LENGTH = 2000
 """Characters of a message."""
-LONGEST_READ = 20.0
+MAX_READ_TIME = 20.0
 """s of the processor's time: others may be busy."""
 
 
@@ -103,7 +103,11 @@ def fault_of(read, path):
         read(str(path))
     except SwingupError as error:
         text = str(error)
-        return None if text.isprintable() and len(text) <= LONGEST else f"a message that is no line: {text!r:.200}"
+        return (
+            None
+            if text.isprintable() and len(text) <= MAX_MESSAGE_LENGTH
+            else f"a message that is no line: {text!r:.200}"
+        )
     except Overtime:
         return "too slow"
     except Exception as error:  # a traceback, which is what is looked for
@@ -122,7 +126,7 @@ def campaign(seed, reads, folder, kinds=tuple(KINDS)):
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(data)
         read = generator.choice(READERS[kind])
-        signal.setitimer(signal.ITIMER_PROF, LONGEST_READ)
+        signal.setitimer(signal.ITIMER_PROF, MAX_READ_TIME)
         fault = fault_of(read, path)
         signal.setitimer(signal.ITIMER_PROF, 0)
         if fault is not None:

@@ -27,9 +27,9 @@ def load_checkpoint(path: str | Path, like: Tree) -> tuple[Tree, dict[str, Any]]
     """Read a pytree of the structure, shapes and types of ``like`` (arrays or their shapes), and the metadata."""
     needed = jax.eval_shape(_stored, like)
     # A configuration may need large arrays; any other file stays below the common bound.
-    most = max(LARGEST_ARRAYS, sum(each.size * each.dtype.itemsize for each in needed.values()))
+    maximum = max(LARGEST_ARRAYS, sum(each.size * each.dtype.itemsize for each in needed.values()))
     # Arrays with other names are not read: a foreign file costs no memory.
-    metadata, arrays = load_arrays(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION, needed.__contains__, most)
+    metadata, arrays = load_arrays(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION, needed.__contains__, maximum)
     for name, expected in needed.items():
         if name not in arrays:
             raise SwingupError(f"checkpoint {path} lacks {name}: it is of another configuration")

@@ -146,7 +146,7 @@ class Metrics(eqx.Module):
     termination_rate: Scalar
     """Terminations a step: resets of the task itself."""
     truncation_rate: Scalar
-    """Truncations a step, without those of a step that also terminates: the task would continue."""
+    """Truncations a step, not counting steps that also terminate: the task would continue."""
     reset_cost: Scalar
     """Cost of a termination, if it has one (units of the reward)."""
     losses: LossMetrics

@@ -27,7 +27,7 @@ OBSERVATION_EPSILON = 1e-18
 def mean(values: Float[Array, "..."], weights: Weights = None, axis: Axes = None) -> Float[Array, "..."]:
     """Mean over the axes of the frames. Only frames that count enter; without any, the mean is 0.
 
-    Weights broadcast against the values; the axes are those of the frames, None for all.
+    Weights broadcast against the values; ``axis`` has the axes of the frames, None for all.
     """
     # Where all rows count, the compiled program has no weights at all.
     if weights is None:

@@ -213,8 +213,8 @@ def rehearsal_lines(found: Rehearsal) -> list[str]:
     measured = {"Call [ms]": found.calls, "Period [ms]": found.periods if found.real_time else []}
     for title, times in measured.items():
         if times:
-            middle, most, longest = (f"{1e3 * each:.3f}" for each in spread(times).values())
-            lines.append(aligned(title, middle, f"99 % {most}, longest {longest}"))
+            median, percentile, maximum = (f"{1e3 * each:.3f}" for each in spread(times).values())
+            lines.append(aligned(title, median, f"99 % {percentile}, maximum {maximum}"))
     if found.real_time:
         lines.append(aligned("Missed deadlines", str(found.missed), f"of {len(found.calls)} calls"))
     if found.late:

@@ -45,7 +45,7 @@ def tell_table(
     title: str = "",
     bold: Sequence[int] = (),
 ) -> None:
-    """Print a table with so many columns of ``texts`` at the left, and numbers, and with ``bold`` rows.
+    """Print a table: ``texts`` columns of text, then columns of numbers; ``bold`` has the indices of bold rows.
 
     Headings and texts may be cut where a terminal is narrow, numbers never.
     """

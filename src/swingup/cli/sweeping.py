@@ -53,7 +53,7 @@ def sweep_command(
         robot: acrobot or pendubot.
         set: alternatives of hyperparameters or of preset, as learning_rate=3e-4,5e-4 policy_layers=64x64,128x128;
             with --trials also ranges LOW:HIGH or LOW:HIGH:log. Repeatable.
-        trials: search with so many trials instead, those of earlier calls included; needs swingup[optuna].
+        trials: number of trials of a search, with those of earlier calls; needs swingup[optuna].
         pruning: with --trials, cut runs short that are worse than the median.
         seeds: seeds per setting (default 8; with --trials 1).
         seed: the first seed.

@@ -30,8 +30,8 @@ SERIES = (DRIVEN, "#5aa9dd", LINK_1, "#f2b632", "#a3a09a")
 """Colours that colour-blind readers can tell apart. After the last, lines and bars change their pattern."""
 DASHES = ("-", "--", ":")
 HATCHES = ("", "////", "....")
-LONGEST_NAME = 40
-WIDE_BAR = 0.15
+MAX_NAME_LENGTH = 40
+NUMBERED_BAR_WIDTH = 0.15
 """Bars of this width have room for their number."""
 
 LOOKS: dict[str, dict[str, Any]] = {
@@ -143,7 +143,7 @@ def _draw_bars(axes: "Axes", curve: Curve, colour: str) -> "Artist":
         for colour, line, cap in (("white", 2.2, 2.8), ("black", 0.8, 2.0)):
             ends: dict[str, Any] = {"ecolor": colour, "elinewidth": line, "capthick": line, "capsize": cap}
             axes.errorbar(curve.x[wide], curve.y[wide], reach, fmt="none", **ends)
-    if curve.width >= WIDE_BAR:
+    if curve.width >= NUMBERED_BAR_WIDTH:
         above: Any = {"xytext": (0, 1.5), "textcoords": "offset points", "ha": "center", "fontsize": 7}
         for x, y, top in zip(curve.x, curve.y, tops, strict=True):
             axes.annotate(f"{y:.0f}", (x, top), **above)
@@ -181,7 +181,7 @@ def plain(name: str) -> str:
 
     A leading underscore would hide the entry from legends, so a space goes before it.
     """
-    short = one_line(name, LONGEST_NAME)
+    short = one_line(name, MAX_NAME_LENGTH)
     return (" " if short.startswith("_") else "") + short.replace("$", r"\$")
 
 

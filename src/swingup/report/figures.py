@@ -31,11 +31,11 @@ LINKS = ("link-1", "link-2")
 CURVE_KEYS = ("reward", "score")
 """The values of a row of metrics that learning curves show; a run has one of them."""
 RESETS_KEY = "termination_rate"
-"""A further one, of tasks whose steps may be cut at random."""
-LARGEST_DRAWN = 1e15
-"""No count or score is larger; matplotlib's axes cannot show numbers near the largest of floating point."""
-LARGEST_RESULT = 1_000_000
-"""Most bytes of a file with a robustness score; the command writes about a thousand."""
+"""A further value, of tasks whose steps may be cut at random."""
+MAX_DRAWN_NUMBER = 1e15
+"""Maximum count or score: matplotlib's axes cannot show numbers near the maximum of floating point."""
+MAX_RESULT_BYTES = 1_000_000
+"""Maximum size of a file with a robustness score; the command writes about a thousand bytes."""
 ROBUSTNESS_REMEDY = "write it with swingup evaluate --board robustness --json"
 
 
@@ -208,7 +208,7 @@ def curves_figure(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
 def read_robustness(path: str | Path) -> Any:
     """Read the JSON object of one robustness score."""
     try:
-        return json.loads(read_bytes(path, LARGEST_RESULT))
+        return json.loads(read_bytes(path, MAX_RESULT_BYTES))
     except (ValueError, RecursionError) as error:
         raise SwingupError(f"{path} is not JSON: {ROBUSTNESS_REMEDY}") from error
 
@@ -240,12 +240,12 @@ def check_curve(name: str, rows: Sequence[Mapping[str, Any]]) -> None:
         seed = row.get("seed")
         if seed is not None and not isinstance(seed, str):
             whole_number(f"{name}: seed", seed, 0)
-        finite_number(f"{name}: frames", row.get("frames"), 0, LARGEST_DRAWN)
+        finite_number(f"{name}: frames", row.get("frames"), 0, MAX_DRAWN_NUMBER)
         for key in (*CURVE_KEYS, RESETS_KEY):
             value = row.get(key)
             # Missing and NaN mean that nothing was measured: the curve has a gap there.
             if value is not None and not (isinstance(value, float) and math.isnan(value)):
-                finite_number(f"{name}: {key}", value, -LARGEST_DRAWN, LARGEST_DRAWN)
+                finite_number(f"{name}: {key}", value, -MAX_DRAWN_NUMBER, MAX_DRAWN_NUMBER)
 
 
 def make_labels(files: Sequence[str | Path]) -> list[str]:

@@ -20,14 +20,14 @@ from ..plant.plant import LEADERBOARD, PlantLike, Robot, get_robot
 FPS = 25.0
 SIZE = 320
 FILM_FORMATS = (".gif", ".webp")
-FASTEST = 50
-"""Most frames a second: viewers slow down films whose frames last less than 20 ms."""
-SIZES = (32, 2048)
-"""Least and largest height (pixels)."""
-LONGEST = 600.0
-"""A longer film comes from a wrong time or speed (s)."""
-MOST_PIXELS = 300_000_000
-"""Most pixels of all frames together: Pillow holds a byte of each while it writes."""
+MAX_FPS = 50
+"""Maximum frames a second: viewers slow down films whose frames last less than 20 ms."""
+SIZE_RANGE = (32, 2048)
+"""Minimum and maximum height (pixels)."""
+MAX_DURATION = 600.0
+"""Maximum duration (s): a longer film comes from a wrong time or speed."""
+MAX_PIXELS = 300_000_000
+"""Maximum pixels of all frames together: Pillow holds a byte of each while it writes."""
 
 
 def animate(
@@ -40,23 +40,24 @@ def animate(
 ) -> None:
     """Write a film, ``.gif`` or ``.webp``, of trajectories side by side, whole or not at all.
 
-    It is as long as the longest divided by the speed, of which 1 is real time, and has 1 to 50 frames a second.
-    Each row is shown until the next, in so many pixels high and wide. The plant gives the links' lengths.
+    The film lasts as long as the longest trajectory divided by the speed (1 is real time), and has 1 to 50 frames a
+    second of ``size`` x ``size`` pixels for each trajectory. Each row is shown until the next. The plant gives the
+    lengths of the links.
     """
     suffix = check_suffix(path, FILM_FORMATS)
     if not motions:
         raise SwingupError("nothing to draw: give at least one trajectory")
     shown = [(checked_rows(rows), get_robot(robot)) for rows, robot in motions]
-    fps = finite_number("fps", fps, 1, FASTEST, "frames a second")
-    size, speed = whole_number("size (pixels)", size, *SIZES), positive_number("speed", speed)
+    fps = finite_number("fps", fps, 1, MAX_FPS, "frames a second")
+    size, speed = whole_number("size (pixels)", size, *SIZE_RANGE), positive_number("speed", speed)
     duration = max(float(rows.time[-1] - rows.time[0]) for rows, _ in shown) / speed
-    if duration > LONGEST:
-        raise SwingupError(f"a film of {duration:g} s is longer than {LONGEST:g} s: raise the speed")
+    if duration > MAX_DURATION:
+        raise SwingupError(f"a film of {duration:g} s is longer than {MAX_DURATION:g} s: raise the speed")
     count, pixels = max(1, round(duration * fps)), size * size * len(shown)
-    if count * pixels > MOST_PIXELS:
+    if count * pixels > MAX_PIXELS:
         raise SwingupError(
             f"a film of {count} frames of {pixels} pixels is too large "
-            f"(at most {MOST_PIXELS:,} pixels in all): lower size or fps, or raise the speed"
+            f"(at most {MAX_PIXELS:,} pixels in all): lower size or fps, or raise the speed"
         )
     found = resolve(plant).facts
 

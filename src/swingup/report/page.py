@@ -43,9 +43,9 @@ from .log_report import LogReport
 
 SHOWN_CONTROLLERS = (DEFAULT, *ENTRANTS)
 """Controllers whose swing-ups the page shows: the default one and the paper's."""
-SHIPPED = (DEFAULT, AR_EAPO)
+SHIPPED_CONTROLLERS = (DEFAULT, AR_EAPO)
 """Shipped policies beside one that was trained just now."""
-PUBLISHED = (("AR-EAPO", "paper"), ("TVLQR", "paper"), ("History SAC", "board"))
+PUBLISHED_ROWS = (("AR-EAPO", "paper"), ("TVLQR", "paper"), ("History SAC", "board"))
 """Published rows beside it: the paper's method, its best baseline, and the best of the public leaderboard."""
 
 LIVE_NOTE = (
@@ -66,7 +66,7 @@ class Show:
 
     name: str
     runs: Mapping[str, Trajectory]
-    """``undisturbed``, and ``disturbed`` as the section says: those in which the controller did not fail."""
+    """``undisturbed``, and ``disturbed`` as the section says, without the runs in which the controller failed."""
     note: str | None = None
     """Why a run is missing, or another remark."""
 
@@ -112,7 +112,7 @@ def make_section(
             progress(f"{robot.name}: {one_line(stage)}", done, total)
 
     tables = leaderboard(robot, controllers, boards, seed, recompute, progress=tell, plant=plant)
-    # The shipped policy that sees its plant, told the page's, without what a page cannot run.
+    # The shipped policy that sees its plant, here the page's plant, without the parts that a page cannot run.
     alone: dict[str, Any] = dict.fromkeys(PARTS)
     live = replace(load_policy(DEFAULT, robot), plant=policy_plant(found, robot), **alone)
     shows, disturbance = make_shows(shown, robot, seed, found, tell), describe_disturbance(seed, found)
@@ -127,10 +127,10 @@ def trained_section(
     The first policy drives the live pendulum and enters the board.
     """
     name, policy = next(iter(policies.items()))
-    shipped = {each: get_controller(each, robot) for each in SHIPPED}
+    shipped = {each: get_controller(each, robot) for each in SHIPPED_CONTROLLERS}
     # Not as the boards' own entrants, which enter a second time without their estimators.
     (table,) = leaderboard(robot, {name: policy, **shipped}, ("performance",), entrants=(), progress=progress)
-    rows = tuple(row for row in table.rows if row.source == OURS or (row.controller, row.source) in PUBLISHED)
+    rows = tuple(row for row in table.rows if row.source == OURS or (row.controller, row.source) in PUBLISHED_ROWS)
     tables, plant = [replace(table, rows=rows)], LEADERBOARD.driven(robot)
     shows = make_shows({**policies, **shipped}, robot, 0, LEADERBOARD, progress)
     return Section(robot.name, plant, tables, shows, describe_disturbance(0), policy_of(policy))
@@ -181,7 +181,7 @@ SCRIPTS = ("figure.js", "physics.js", "pendulum.js", "player.js", "live.js", "ma
 PAGE_FORMATS = (".html", *FIGURE_FORMATS)
 
 MAX_SERIES = 8
-"""Most controllers in the robustness plot: ours first, then the best published ones."""
+"""Maximum number of controllers in the robustness plot: ours first, then the best published ones."""
 
 
 def render_page(sections: Sequence[Section], title: str = "Swinging up double pendulums") -> str:

@@ -77,7 +77,7 @@ def search(
         env: ``acrobot``, ``pendubot`` or a Gymnasium id, also ``your.module:Task-v0``.
         space: what varies, by the name of a hyperparameter or ``preset``: alternatives such as ``64x64,128x128``,
             or a range such as ``1e-4:1e-2``, or ``1e-4:1e-2:log``, in which equal ratios are equally likely.
-        trials: number of trials, those of earlier calls included.
+        trials: number of trials, with the trials of earlier calls.
         out: the folder of the search.
         frames: length of each run; by default the preset's, of several presets the longest.
         seed: the first seed of each trial, from which the suggestions follow as well.
@@ -263,7 +263,7 @@ def _open_study(plan: SearchPlan, place: int = 0) -> "Study":
     pruner = pruners.MedianPruner(n_startup_trials=5, n_warmup_steps=2) if plan.pruning else pruners.NopPruner()
     seed = np.random.SeedSequence([plan.seeds.start, place]).generate_state(1)
     # Workers report to the same file: SQLite lets them wait for one another. Each connection is closed after its
-    # use, since nobody closes those of a pool.
+    # use, since nothing closes a pool's connections.
     options = {"connect_args": {"timeout": 60}, "poolclass": pool.NullPool}
     storage = storages.RDBStorage(f"sqlite:///{plan.out / STORAGE}", options)
     return create_study(
