@@ -145,15 +145,13 @@ def test_folders_that_are_left_alone(tmp_path, monkeypatch):
 
 
 def test_local_workers_die_alone_and_end_with_an_interrupt():
-    with executor_for(workers=2) as executor:
-        dead, alive = executor.submit(signal.raise_signal, signal.SIGKILL), executor.submit(abs, -3)
-        assert alive.result() == 3
-        assert "abruptly" in str(dead.exception())
-        assert executor.submit(abs, -4).result() == 4
     futures = []
 
     def interrupted():
-        with executor_for(workers=1) as executor:
+        with executor_for(workers=2) as executor:
+            dead, alive = executor.submit(signal.raise_signal, signal.SIGKILL), executor.submit(abs, -3)
+            assert alive.result() == 3
+            assert "abruptly" in str(dead.exception())
             futures.extend(executor.submit(time.sleep, 600) for _ in range(3))
             while not multiprocessing.active_children():
                 time.sleep(0.01)

@@ -19,10 +19,14 @@ PAPER = get_preset("paper")
 estimate = jax.jit(algorithm.estimate)
 
 
-@pytest.fixture
-def authors(robot):
+def read_excerpt(robot):
     with np.load(DATA / f"authors-{robot.name}.npz") as file:
         return dict(file)
+
+
+@pytest.fixture
+def authors(robot):
+    return read_excerpt(robot)
 
 
 def both(numbers, reward_name, entropy_name):
@@ -81,8 +85,8 @@ def test_gains_move_as_the_authors(authors, trace):
 
 
 @pytest.mark.usefixtures("x64")
-def test_transitions_are_those_of_the_authors_environment(robot, authors):
-    task = get_task(PAPER.task, robot)
+def test_transitions_are_those_of_the_authors_environment(either_robot):
+    authors, task = read_excerpt(either_robot), get_task(PAPER.task, either_robot)
 
     @jax.jit
     @jax.vmap

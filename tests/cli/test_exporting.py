@@ -71,7 +71,7 @@ def test_a_plant_is_shown_and_written_in_each_format(run, run_json):
     plant = load_plant("C.1").changed(l2=0.31, tl1=0.0, m1=0.6)
     for ending in ("yml", "urdf", "xml"):
         found = run_json("plant", f"mine.{ending}")
-        assert {name: found[name] for name in plant.values()} == plant.values()
+        assert {name: found[name] for name in plant.values()} == pytest.approx(plant.values(), rel=1e-12)
     assert any("l2 = 0.31 m is the distance of frame 'tip'" in note for note in found["notes"])
     # 6 N m over (0.6 · 0.2 + 0.6256 (0.2 + 0.2557)) 9.81 N m.
     assert "plant mine.urdf, torque/gravity 1.51" in run("evaluate acrobot --controller lqr --plant mine.urdf")

@@ -141,7 +141,7 @@ SEEDS = [int(seed) for seed in os.environ.get("SWINGUP_FUZZ_SEEDS", "0").split("
 
 
 def test_some_reads_of_every_kind(tmp_path):
-    assert campaign(1, 40 * len(KINDS), tmp_path) == []
+    assert campaign(1, 15 * len(KINDS), tmp_path) == []
 
 
 @pytest.mark.slow
