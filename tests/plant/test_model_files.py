@@ -200,6 +200,7 @@ def test_facts_of_an_mjcf(tmp_path):
     assert facts["cf2"] == pytest.approx(0.3 * 2 / math.pi)
     for named in ("visual.xml", "contacts", "-1.571 and 1.571", "cf = 0.191", "the same both ways", "frame 'tip'"):
         assert named in notes
+    assert read_model(write(tmp_path, mjcf(world='<geom type="mesh" mesh="stand"/>'))).facts["l1"] == 0.4
     servo = mjcf().replace('<motor name="motor"', '<position name="motor" kp="9" forcerange="-2 2"')
     found = read_model(write(tmp_path, servo))
     assert found.facts["tl2"] == 6.0
@@ -249,6 +250,8 @@ WRONG = {
     "moves in vacuum": mjcf(head='<option viscosity="0.1"/>'),
     "has gravcomp": mjcf().replace('name="lower"', 'name="lower" gravcomp="1"'),
     "is a mesh: give its body an <inertial>": mjcf('<geom name="arm" type="mesh" mesh="arm"/>'),
+    "more than 2,000 elements": mjcf(lower="<site/>" * 2000),
+    "deeper than 60 levels": mjcf(lower="<frame>" * 60 + "</frame>" * 60),
     "<replicate> stands for other elements": mjcf(world='<replicate count="999999999"/>'),
     "both ways": mjcf().replace('ctrlrange="-2 2"', 'ctrlrange="0 2"'),
     "euler sequence can only": mjcf(head='<compiler eulerseq="abc"/>').replace(

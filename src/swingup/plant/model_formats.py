@@ -286,7 +286,13 @@ def _leave_meshes_out(spec: Any) -> None:
             mass = geom.density if math.isnan(geom.mass) else geom.mass
             # 0: never from geoms; 1: always; 2: where no inertia is stated.
             counts = source == 1 or (source == 2 and not geom.parent.explicitinertial)
-            if kind != "hfield" and counts and mass and groups[0] <= geom.group <= groups[1]:
+            if (
+                geom.parent.name != "world"
+                and kind != "hfield"
+                and counts
+                and mass
+                and groups[0] <= geom.group <= groups[1]
+            ):
                 name = f"<geom> {quoted(geom.name)} of {quoted(geom.parent.name)}"
                 raise SwingupError(f"{name} is a mesh: give its body an <inertial>")
             spec.delete(geom)
