@@ -47,7 +47,7 @@ def identified_bases(controller: AbstractController[Any], cases: list[Case], rul
             loop, measured, _ = measure(scenario, before, index, rules.dt)
             memory, command = controller(memory, index * rules.dt, measured)
             after = apply_torque(scenario, loop, index, command, rules.dt)
-            found = controller.found(memory)
+            found = controller.identified_plant(memory)
             assert found is not None
             return (after, memory), jnp.stack(found.theta)
 

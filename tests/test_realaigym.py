@@ -106,6 +106,22 @@ class LowPass:
         return self.state
 
 
+@pytest.mark.parametrize("compensation", [{}, {"damping": [0.1, 0.1], "coulomb_fric": [0.2, 0.2]}])
+@pytest.mark.parametrize("name", ["adaptive", "ar-eapo", "tvlqr"])
+def test_a_rate_that_is_not_finite_reaches_no_motor(either_robot, name, compensation):
+    """Behind an estimator the controller goes on; without one the driven joint's torque is NaN, the other's 0."""
+    controller, joint = wrapped(name, either_robot.name), either_robot.joint
+    controller.set_friction_compensation(**compensation)
+    for step, broken in enumerate([[], [2], [], [3], [2, 3], []]):
+        x = np.array([0.3, -0.2, 1.0, -1.0]) + 0.01 * step
+        x[broken] = [np.nan, -np.inf][: len(broken)]
+        u = controller.get_control_output(x, step * DT)
+        assert np.isnan(u[joint]) == (bool(broken) and name != "adaptive")
+        assert abs(u[1 - joint]) <= controller.passive_limit
+        assert np.abs(u[joint]) <= 6.0 or np.isnan(u[joint])
+    assert np.isfinite(controller.u_fric_hist).all()
+
+
 @pytest.mark.parametrize("kind", ["object", "function"])
 def test_a_filter_of_realaigyms_or_a_function(kind):
     x = np.array([0.1, 0.2, 1.0, -2.0])

@@ -44,7 +44,7 @@ class Numpy:
         for k, (x, t) in enumerate(zip(states, times, strict=True)):
             torques.append(self.controller(x, t))
             if given is not None:
-                inner.state.torques[0], inner.state.identified.torques[0] = given[k, joint], given[k]
+                inner.state.torques[0], inner.state.identifier.torques[0] = given[k, joint], given[k]
         return np.array(torques)
 
 
@@ -71,7 +71,7 @@ class Onnx:
     def alone(self, states):
         u = self._session.run(None, {"state": states})[0]
         assert u.dtype == np.float64
-        assert not np.nan_to_num(u[:, 1 - self._joint]).any()
+        assert not u[:, 1 - self._joint].any()
         return u[:, self._joint]
 
 
@@ -96,7 +96,7 @@ class JavaScript:
         )
         page.close()
         u = np.array(answer, np.float64)
-        assert not np.nan_to_num(u[:, 1 - self._joint]).any()
+        assert not u[:, 1 - self._joint].any()
         return u[:, self._joint]
 
 

@@ -263,9 +263,9 @@ def _replayed(found, *columns):
 
 def _given(memory, u, joint):
     """The memory of an estimator and its identifier once the motors were given other torques."""
-    state, identified = memory.estimator, memory.estimator.identified
+    state, identified = memory.estimator, memory.estimator.identifier
     identified = identified._replace(torques=identified.torques.at[0].set(u))
-    state = state._replace(torques=state.torques.at[0].set(u[joint]), identified=identified)
+    state = state._replace(torques=state.torques.at[0].set(u[joint]), identifier=identified)
     return memory._replace(estimator=state)
 
 
@@ -277,7 +277,9 @@ def exact(name):
 def alone(found, states):
     """The torques (n,) of the driven joint of a policy alone in JAX."""
     with jax.enable_x64(True):
-        return np.asarray(_alone(found, jnp.asarray(states)))[:, found.robot.joint]
+        u = np.asarray(_alone(found, jnp.asarray(states)))
+    assert not u[:, 1 - found.robot.joint].any()
+    return u[:, found.robot.joint]
 
 
 @eqx.filter_jit

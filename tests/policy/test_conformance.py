@@ -93,6 +93,8 @@ def test_torques(made, name, back_end, sensor):
         np.testing.assert_allclose(torques, expected, rtol=0, atol=row.alone_within)
     assert broken.any() == (sensor == "not finite")
     np.testing.assert_array_equal(np.isnan(torques), broken)
+    if sensor == "not finite" and name not in MEMORYLESS:
+        np.testing.assert_array_equal(both[broken, 1 - joint], 0.0)
     if sensor == "states" and name in references.SHIPPED:
         assert np.ptp(torques) > 6
 
@@ -110,7 +112,9 @@ def test_adaptive_loops(made, name, back_end, sensor):
         assert np.median(distances[:BRIEF]) < 1e-4
     else:
         assert distances.max() < FOLLOWED
-    np.testing.assert_array_equal(np.isnan(both[:, policy(name).robot.joint]), broken)
+    joint = policy(name).robot.joint
+    np.testing.assert_array_equal(np.isnan(both[:, joint]), broken)
+    np.testing.assert_array_equal(both[broken, 1 - joint], 0.0)
 
 
 def uneven(name):
@@ -151,7 +155,7 @@ def rubbing(name):
     found = numpy_controller(policy(name))
     times, states, torques = references.numpy_loop(found, steps=BRIEF, plant=plant, wrong=(0.03, -0.02))
     assert np.abs(torques[:, 1 - policy(name).robot.joint]).max() > 0.1
-    assert np.abs(found.inner.found.offsets).min() > 0.002
+    assert np.abs(found.inner.identified_plant.offsets).min() > 0.002
     return times, states
 
 
@@ -173,10 +177,11 @@ def test_adaptive_loops_in_c_are_numpys(made, name, change):
     both, joint = looped(found, name, times, states, expected), policy(name).robot.joint
     np.testing.assert_allclose(both, expected, rtol=0, atol=FOLLOWED)
     np.testing.assert_array_equal(np.isnan(both[:, joint]), silent(name, states))
+    np.testing.assert_array_equal(both[silent(name, states), 1 - joint], 0.0)
     np.testing.assert_array_equal(looped(found, name, times[:100], states[:100], expected[:100]), both[:100])
     assert np.nanmax(both[:, joint]) - np.nanmin(both[:, joint]) > 3
     # It has learned something.
-    learned = np.array(numpys.controller.inner.found.theta[:4]) / base_parameters(policy(name).plant)[:4]
+    learned = np.array(numpys.controller.inner.identified_plant.theta[:4]) / base_parameters(policy(name).plant)[:4]
     assert change is plain or np.abs(learned - 1).max() > 1e-3
 
 

@@ -124,7 +124,7 @@ def test_it_does_what_the_document_says(monkeypatch):
     measured += np.array([3.0, 0.5, 0.0, 0.0])
     measured[30:, 0] -= 2 * np.pi
     torques = np.clip(1.0 + 7.0 * random.choice([-1.0, 1.0], steps // 4).repeat(4), -6.0, 6.0)
-    loop = estimator.make_loop(settings, PENDUBOT, 0)
+    loop = estimator.estimator_constants(settings, PENDUBOT, 0)
     state, shown = estimator.begin(NUMPY, loop), []
     for k in range(steps):
         state, seen = estimator.observe(NUMPY, loop, state, None, k * DT, measured[k])
@@ -156,7 +156,7 @@ def test_an_encoder_with_noisy_velocities_swings_up():
     assert seen < 0.14 * measured
 
 
-LOOP = estimator.make_loop(EstimatorSettings(), PENDUBOT, 0)
+LOOP = estimator.estimator_constants(EstimatorSettings(), PENDUBOT, 0)
 HERE, THERE = np.array([0.1, 0.2, 0.3, 0.4]), np.array([1.0, -1.0, 2.0, -2.0])
 NEAR = HERE + 0.01
 

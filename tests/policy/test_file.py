@@ -126,7 +126,7 @@ def test_parts_of_a_policy(file, tmp_path):
     assert whole.torque_limits == (0.3, whole.plant.limit(1))
     made = make_controller(whole)
     assert made.controller.settings == ALL["regulator"]
-    finding = made.loop.finding
+    finding = made.constants.identifier
     assert (finding.period, finding.max_delay_steps, finding.passive_limit) == (0.004, 7, 0.3)
     # 25 % of m2 r2 from m2 and from r2.
     assert finding.covariance[2, 2] == pytest.approx(2 * (0.25 * whole.plant.m2 * whole.plant.r2) ** 2)

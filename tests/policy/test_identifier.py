@@ -23,9 +23,9 @@ from swingup.policy.identifier import (
     LAG,
     IdentifierSettings,
     IdentifierState,
-    Load,
+    JointLoads,
     compensation,
-    make_loop,
+    identifier_constants,
     offsets,
 )
 from swingup.policy.numpy_backend import numpy_controller
@@ -65,8 +65,8 @@ def moved(
     Measured angles are changed on their way, and some calls late, which is told or not. The driven joint may be
     pushed; the undriven joint's motor has the compensation's commands and some gain.
     """
-    loop = make_loop(LEADERBOARD.driven(robot), robot.joint, DT, 25, settings)
-    load, passive, limit = load or Load((0.0, 0.0), (0.0, 0.0)), 1 - robot.joint, loop.passive_limit
+    loop = identifier_constants(LEADERBOARD.driven(robot), robot.joint, DT, 25, settings)
+    load, passive, limit = load or JointLoads((0.0, 0.0), (0.0, 0.0)), 1 - robot.joint, loop.passive_limit
     state, lumped, t, since = identifier.begin(NUMPY, loop), lump(plant), 0.0, DT
     past, rows, unknowns = [(0.0,) * 4] * (late + 1), [], []
     for step, (delay, period) in enumerate(zip(np.broadcast_to(told, len(periods)), periods, strict=True)):
@@ -75,7 +75,7 @@ def moved(
             state = identifier.restart(NUMPY, loop, state)
         with np.errstate(invalid="ignore"):
             state = identifier.observe(NUMPY, loop, state, seen, int(delay), float(since))
-        b, cf = (pair[passive] for pair in identifier.found(NUMPY, loop, state).commanded_friction)
+        b, cf = (pair[passive] for pair in identifier.identified_plant(NUMPY, loop, state).commanded_friction)
         u[robot.joint] = 1.5 * math.sin(6.5 * t) + math.sin(15 * t + 1)
         u[passive] = np.clip(friction(b, cf, x[2 + passive], math.atan), -limit, limit)
         state = identifier.remember(NUMPY, state, u)
@@ -87,7 +87,7 @@ def moved(
             torques = (applied - load.at(*x[:2])).tolist()
             x = damped_midpoint_step(lumped, plant.friction, x, torques, float(period) / FINE, NUMPY)
         past, since, t = [x, *past[:late]], period, t + period
-    return Moved(loop, state, identifier.found(NUMPY, loop, state), np.array(unknowns), rows)
+    return Moved(loop, state, identifier.identified_plant(NUMPY, loop, state), np.array(unknowns), rows)
 
 
 def errors(unknowns, plant=OTHER):
@@ -163,7 +163,7 @@ def test_a_pause_keeps_what_was_found():
 
 def test_what_is_learned_is_finite_or_nothing():
     """Beside a covariance that overflows."""
-    loop = make_loop(NOMINAL, ROBOT.joint, DT, 25, IdentifierSettings())
+    loop = identifier_constants(NOMINAL, ROBOT.joint, DT, 25, IdentifierSettings())
     state = identifier.begin(NUMPY, loop)
     for step in range(60):
         if step == 50:
@@ -198,10 +198,10 @@ def test_one_spoilt_angle_is_soon_forgotten(by):
 
 
 def test_negative_friction_is_found_and_not_predicted_with():
-    loop = make_loop(NOMINAL, ROBOT.joint, DT, 25, UNCOMPENSATED)
+    loop = identifier_constants(NOMINAL, ROBOT.joint, DT, 25, UNCOMPENSATED)
     state = identifier.begin(NUMPY, loop)
     state.unknowns[4:8] = -0.1, 0.1, 0.2, -0.2
-    told = identifier.found(NUMPY, loop, state)
+    told = identifier.identified_plant(NUMPY, loop, state)
     np.testing.assert_allclose(told.theta[4:8], [-0.1, 0.1, 0.2, -0.2], rtol=1e-6)
     np.testing.assert_allclose(told.model.friction, [[0.0, 0.1], [0.2, 0.0]], rtol=1e-6, atol=1e-12)
 
@@ -233,7 +233,7 @@ def test_jax_finds_the_same(x64, given):
     memory, expected = jax.jit(lambda rows: jax.lax.scan(step, identifier.begin(JAX, loop), rows))(columns)
     scale = np.sqrt(np.diagonal(loop.covariance))
     np.testing.assert_allclose(unknowns / scale, expected / scale, rtol=0, atol=1e-9)
-    leaves = (jax.tree.leaves(each) for each in (found, identifier.found(JAX, loop, memory)))
+    leaves = (jax.tree.leaves(each) for each in (found, identifier.identified_plant(JAX, loop, memory)))
     for ours, other in zip(*leaves, strict=True):
         np.testing.assert_allclose(ours, other, rtol=0, atol=1e-9)
 
@@ -248,7 +248,7 @@ def test_it_finds_the_plant_at_other_periods(periods):
 
 def test_uneven_calls_tell_the_age_which_makes_late_angles_as_good_as_present_ones(monkeypatch):
     known = moved(OTHER, late=3, periods=RECORDED)
-    monkeypatch.setattr(identifier, "AGE_CAUTION", math.inf)  # the age stays 0
+    monkeypatch.setattr(identifier, "AGE_MARGIN", math.inf)  # the age stays 0
     unknown = moved(OTHER, late=3, periods=RECORDED)
     assert (known.state.age, unknown.state.age) == (3, 0)
     good, bad = (errors(each.unknowns[-1])[:4].max() for each in (known, unknown))
@@ -273,7 +273,7 @@ def test_a_pause_interrupts(pause, calls):
     controller = numpy_controller(dataclasses.replace(policy("acrobot-sighted"), **parts))
     for call in (*range(30), 29 + pause):
         controller(np.zeros(4), DT * call)
-    state = controller.inner.state.identified
+    state = controller.inner.state.identifier
     assert state.calls == calls
     assert 0.5 * DT <= min(state.steps) <= max(state.steps) < 4 * DT
 
@@ -340,13 +340,13 @@ def test_it_finds_the_offsets(either_robot):
 
 def test_it_finds_springs_and_constant_torques(either_robot):
     """A motor carries all of its own joint's load; a compensating one carries it as the driven one would."""
-    load = Load((0.05, -0.03), (0.03, 0.02))
+    load = JointLoads((0.05, -0.03), (0.03, 0.02))
     _, (_, _, found, *_) = finding(either_robot, 0.15, load=load, settings=LOADED)
-    np.testing.assert_allclose(found.commanded_load.constant, load.constant, rtol=0, atol=0.01)
+    np.testing.assert_allclose(found.commanded_loads.constant, load.constant, rtol=0, atol=0.01)
     # About hanging a spring at the shoulder looks like a little more of gravity.
-    np.testing.assert_allclose(found.commanded_load.spring, load.spring, rtol=0, atol=0.02)
-    left = found.model.load.at(1.0, 1.0)
-    assert left[either_robot.joint] == sum(pair[either_robot.joint] for pair in found.commanded_load)
+    np.testing.assert_allclose(found.commanded_loads.spring, load.spring, rtol=0, atol=0.02)
+    left = found.model.loads.at(1.0, 1.0)
+    assert left[either_robot.joint] == sum(pair[either_robot.joint] for pair in found.commanded_loads)
     assert left[1 - either_robot.joint] == pytest.approx(0.0, abs=1e-12)
 
 

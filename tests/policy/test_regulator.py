@@ -305,4 +305,4 @@ def test_it_belongs_behind_an_estimator(double):
     with jax.enable_x64(double):
         controller, plant = in_jax(robot), plants(robot)[0]
         check_interface(controller)
-        check_interface(with_estimator(controller, robot, plant, finding=IdentifierSettings()))
+        check_interface(with_estimator(controller, robot, plant, identifier=IdentifierSettings()))

@@ -62,8 +62,8 @@ def watched(found):
     torque = inner._torque
 
     def watching(estimate):
-        against = compensation(NUMPY, inner.loop, inner.found, estimate)
-        shown.append((estimate.copy(), list(inner.found.residual_base), against))
+        against = compensation(NUMPY, inner.constants, inner.identified_plant, estimate)
+        shown.append((estimate.copy(), list(inner.identified_plant.residual_base), against))
         return torque(estimate)
 
     inner._torque = watching

@@ -259,7 +259,7 @@ def _by_keywords(call: Callable[..., Any]) -> Answer:
 class Compiled:
     """The torques of a controller, compiled when it is made and not in the loop."""
 
-    shortest_pause = 0.0
+    min_pause = 0.0
     """It acts at each call (s)."""
 
     def __init__(self, controller: AbstractController[Any]) -> None:
@@ -285,7 +285,7 @@ class Compiled:
             self._memory, u = self._call(self._memory, np.float64(t), x)
             return np.asarray(u, np.float64)
 
-    def given(self, u: np.ndarray) -> None:
+    def remember(self, u: np.ndarray) -> None:
         """Its memory holds what it asked for itself."""
 
 

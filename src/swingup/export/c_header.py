@@ -21,9 +21,9 @@ from ..plant.equations import COULOMB_STEEPNESS, mass_entries
 from ..plant.momentum import CLOSE_RATES
 from ..plant.units import C1, Scales, arm_scales, scaled, similar_plant
 from ..policy import estimator, identifier, regulator
+from ..policy.estimator import EstimatorConstants, estimator_constants
 from ..policy.guard import BRAKED_MULTIPLE, PUSHING_SHARE, SENTENCES, STANDSTILLS, GuardSettings, Reason
-from ..policy.identifier import LEAST_GAIN
-from ..policy.identifier import Loop as Identifier
+from ..policy.identifier import IdentifierConstants
 from ..policy.network import NormaliseStage, PendulumStage, PlantStage, Stage, require_portable
 from ..policy.numpy_backend import regulator_loop
 from ..policy.pendulum import PendulumPolicy
@@ -140,10 +140,10 @@ Data = dict[str, int | float | str | np.ndarray]
 """Numbers, texts and arrays by their names, without the prefix."""
 
 
-AS_IN_PYTHON = (
-    "BANDWIDTH", "RELATIVE_FLOOR", "GATE_HOLD", "STUDENT", "RISE_TIME", "FALL_TIME", "LEAST_MASS_SHARE",
-    "LARGEST_ANGLE", "MOST_OFFSET", "AGE_CAUTION", "UNEVEN_FADING", "UNEVEN_STEP", "MOST_NOISE", "NOISE_TIME",
-    "EVEN_STEPS",
+SHARED_CONSTANTS = (
+    "BANDWIDTH", "RELATIVE_FLOOR", "GATE_TIME", "FREEDOM", "RISE_TIME", "FALL_TIME", "MIN_MASS_SHARE",
+    "MAX_ANGLE", "MAX_OFFSET", "AGE_MARGIN", "AGE_FADING", "UNEVEN_ANGLE", "MAX_NOISE", "NOISE_TIME",
+    "EVEN_TOLERANCE",
 )  # fmt: skip
 """Constants of the identifier that the runtime has under the same names."""
 
@@ -165,10 +165,10 @@ def runtime_data(policy: PendulumPolicy) -> dict[str, Data]:
         "the guard's reasons": reasons | {"GUARD_SENTENCES": ", ".join(f'"{text}"' for text in SENTENCES)},
     }
     if policy.estimator is not None:
-        loop = estimator.make_loop(policy.estimator, policy.plant, joint, policy.identifier)
-        found["the estimator"] = estimator_data(loop)
-        if loop.finding is not None:
-            found["the identifier"] = identifier_data(loop.finding)
+        constants = estimator_constants(policy.estimator, policy.plant, joint, policy.identifier)
+        found["the estimator"] = estimator_data(constants)
+        if constants.identifier is not None:
+            found["the identifier"] = identifier_data(constants.identifier)
     if policy.regulator is not None:
         known = policy.regulator, policy.plant, joint, policy.torque_limit
         found["the regulator"] = regulator_data(regulator_loop(*known))
@@ -238,47 +238,47 @@ def _observation_data(stages: Sequence[Stage], scales: Scales) -> Data:
     return data
 
 
-def estimator_data(loop: estimator.Loop) -> Data:
+def estimator_data(constants: EstimatorConstants) -> Data:
     """What the estimator expects of the loop, and the gains of its filters."""
-    settings = loop.settings
+    settings = constants.settings
     return {
         "DT": settings.dt,
         "LONGEST_GAP": settings.longest_gap,
-        "SHORTEST_STEP": identifier.SHORTEST_STEP * settings.dt,
-        "LONGEST_STEP": identifier.LONGEST_STEP * settings.dt,
+        "MIN_STEP": identifier.MIN_STEP * settings.dt,
+        "MAX_STEP": identifier.MAX_STEP * settings.dt,
         "DELAYS": settings.max_delay_steps + 1,
         "PREDICTION_STEPS": estimator.PREDICTION_STEPS,
         "FADING": math.exp(-settings.dt / estimator.EVIDENCE_TIME),
         "OUTLIER_SQUARED": estimator.OUTLIER_SCALE**2,
         "DELAY_PENALTY": estimator.DELAY_PENALTY,
         "RESET_RATE": estimator.RESET_SIGMAS * settings.velocity_noise,
-        "gains": np.reshape(loop.gains, (2, 2)),
+        "gains": np.reshape(constants.gains, (2, 2)),
     }
 
 
-def identifier_data(loop: Identifier) -> Data:
-    """What the identifier begins with, and how it learns in an estimator's loop."""
-    i, driven, mean, covariance = identifier, np.arange(2) == loop.joint, loop.mean, loop.covariance
+def identifier_data(constants: IdentifierConstants) -> Data:
+    """What the identifier begins with, and how it learns in an estimator's constants."""
+    i, driven, mean, covariance = identifier, np.arange(2) == constants.joint, constants.mean, constants.covariance
     deviation = np.where(driven, i.DRIVEN_DEVIATION, i.PASSIVE_DEVIATION)
-    nominal = lumped(mean[:BASE], loop.geometry)
+    nominal = lumped(mean[:BASE], constants.geometry)
     return {
         "UNKNOWNS": len(mean),
-        "SPAN": i.row_span(loop.period),
-        "COMMANDS": i.commands(loop.period, loop.max_delay_steps),
-        **{name: getattr(i, name) for name in AS_IN_PYTHON},
+        "SPAN": i.row_span(constants.period),
+        "COMMANDS": i.command_count(constants.period, constants.max_delay_steps),
+        **{name: getattr(i, name) for name in SHARED_CONSTANTS},
         "GATE_SQUARED": i.GATE_SIGMAS**2,
         "CORRELATION": i.POLES / i.BANDWIDTH,
         "CLOSE_RATES": CLOSE_RATES,
         "TILT_RATIO": mean[2] / mean[3],
-        "NOISE_GAIN": loop.noise_gain,
-        "PASSIVE_LIMIT": loop.passive_limit,
-        "LEAST_GAIN": LEAST_GAIN,
+        "NOISE_GAIN": constants.noise_gain,
+        "PASSIVE_LIMIT": constants.passive_limit,
+        "MIN_GAIN": identifier.MIN_GAIN,
         "mean": mean,
         "prior": covariance,
         "drift": i.DRIFT**2 * np.diagonal(covariance),
-        "first_variance": deviation**2,
-        "least_variance": np.where(driven, i.DRIVEN_FLOOR, i.PASSIVE_FLOOR) ** 2,
-        "most_variance": (i.MOST_DEVIATION * deviation) ** 2,
+        "initial_variance": deviation**2,
+        "min_variance": np.where(driven, i.DRIVEN_FLOOR, i.PASSIVE_FLOOR) ** 2,
+        "max_variance": (i.MAX_DEVIATION * deviation) ** 2,
         # Stretched and folded: M11, M12, M22.
         "nominal_mass": np.array([mass_entries(nominal, cos2) for cos2 in (1.0, -1.0)]),
     }

@@ -43,10 +43,12 @@ def onnx_model(policy: PendulumPolicy) -> bytes:
     action = graph.add(
         "Tanh", graph.gemm(features, head.weight.astype(float), graph.constant(head.bias.astype(float)))
     )
-    torques = policy.torque_limit * np.array([policy.robot.actuation])
     # Zero times what is not finite is NaN: what is clipped must not hide it.
-    unsound = graph.add("MatMul", "state", graph.constant(np.zeros((STATE, 2))))
-    graph.add("Add", graph.add("Mul", action, graph.constant(torques)), unsound, outputs=["torque"])
+    unsound = graph.add("MatMul", "state", graph.constant(np.zeros((STATE, 1))))
+    driven = graph.add("Add", graph.add("Mul", action, graph.constant(policy.torque_limit)), unsound)
+    # The passive joint's torque is a zero before or behind the driven one's.
+    before, behind = policy.robot.joint, 1 - policy.robot.joint
+    graph.add("Pad", driven, graph.constant(np.array([0, before, 0, behind])), outputs=["torque"])
     model = graph.finish(onnx.TensorProto.DOUBLE, f"policy of the {policy.robot.name}, N m for rad and rad/s")
     onnx.checker.check_model(model)
     return bytes(model.SerializeToString())

@@ -114,7 +114,9 @@ class RealAIGymController:
         """The torques [u1, u2] (N m), a new float64 array, for the state x measured at time t (s)."""
         measured = four_numbers(x).copy()
         seen = self.filter.get_filtered_state(measured, self.u_hist[-1])
-        compensation = friction(self._damping, self._coulomb, seen[2:], np.arctan)
+        # Of a broken rate nothing is known; behind an estimator the controller goes on without it.
+        rates = np.where(np.isfinite(seen[2:]), seen[2:], 0.0)
+        compensation = friction(self._damping, self._coulomb, rates, np.arctan)
         u = self._act(seen, t, measured, compensation)
         # A stopped controller gives no compensation either.
         if self.fault is not None:

@@ -22,7 +22,7 @@ typedef struct {
     swingup_estimator estimator;
 #endif
 #if SWINGUP_HAS_IDENTIFIER
-    double base[9]; /* what is found, in SI units */
+    double base[9]; /* of the identified plant, in SI units */
 #endif
 #if SWINGUP_HAS_REGULATOR
     swingup_regulator regulator;
@@ -30,8 +30,8 @@ typedef struct {
 } swingup_controller;
 
 #if SWINGUP_HAS_IDENTIFIER
-/* Note what is found, in SI units. */
-static inline void swingup_tell(swingup_controller *c)
+/* Note the identified plant, in SI units. */
+static inline void swingup_note_plant(swingup_controller *c)
 {
     int i;
     for (i = 0; i < 9; i++) {
@@ -46,7 +46,7 @@ static inline void swingup_reset(swingup_controller *c)
     *c = fresh;
 #if SWINGUP_HAS_IDENTIFIER
     swingup_begin(&c->estimator.identifier);
-    swingup_tell(c);
+    swingup_note_plant(c);
 #endif
 }
 
@@ -77,7 +77,7 @@ static inline double swingup_act(swingup_controller *c, const double x[4])
     return swingup_network(x, base);
 }
 
-/* What the motors are asked for (N m), before guard and limits; whether it is new. */
+/* What the motors are commanded (N m), before guard and limits; whether it is new. */
 static inline int swingup_ask(swingup_controller *c, double t, const double x[4], double u[2])
 {
     const double own[4] = {x[0], x[1], SWINGUP_TIME_UNIT * x[2], SWINGUP_TIME_UNIT * x[3]};
@@ -96,9 +96,27 @@ static inline int swingup_ask(swingup_controller *c, double t, const double x[4]
 #if SWINGUP_HAS_IDENTIFIER
     swingup_compensate(&c->estimator.identifier, seen, u);
 #endif
+    /* The clips would make a finite torque of a broken measurement. */
+    if (!swingup_finite(seen, 4)) {
+        swingup_set_nan(u + SWINGUP_DRIVEN);
+        u[1 - SWINGUP_DRIVEN] = 0.0;
+    }
     swingup_copy(c->asked, u, 2);
     return 1;
 }
+
+#if !SWINGUP_HAS_GUARD
+/* Torques within the motors' limits; NaN stays. */
+static inline void swingup_cut(double u[2])
+{
+    int i;
+    for (i = 0; i < 2; i++) {
+        if (!swingup_is_nan(u + i)) {
+            u[i] = swingup_clip(u[i], swingup_limits[i]);
+        }
+    }
+}
+#endif
 
 /* The torques u (N m) for the state x measured at time t (s). */
 static inline void swingup_control(swingup_controller *c, double t, const double x[4], double u[2])
@@ -115,19 +133,17 @@ static inline void swingup_control(swingup_controller *c, double t, const double
 #if SWINGUP_HAS_GUARD
     swingup_limited(&c->guard, u);
 #else
-    /* NaN stays NaN. */
-    u[0] = swingup_clip(u[0], swingup_limits[0]);
-    u[1] = swingup_clip(u[1], swingup_limits[1]);
+    swingup_cut(u);
 #endif
 #if SWINGUP_HAS_ESTIMATOR
-    /* It needs what the motors were given. */
+    /* The model needs the torques that the motors were given. */
     if (asked) {
         const double given[2] = {u[0] / SWINGUP_TORQUE_UNIT, u[1] / SWINGUP_TORQUE_UNIT};
         swingup_remember(&c->estimator, given);
     }
 #endif
 #if SWINGUP_HAS_IDENTIFIER
-    swingup_tell(c);
+    swingup_note_plant(c);
 #endif
     (void)asked;
 }

@@ -6,13 +6,14 @@ torques u = [u1, u2] (N m) of shoulder and elbow.
 - Back ends differ by at most 5e-5 N m, and by 1e-11 where both compute in double precision throughout. Behind an
   estimator, rounding feeds back: 1e-9 over a whole run.
 - A policy that sees its plant runs as the ordinary policy that it is for the plant of its file. Behind an
-  identifier it is told the plant found so far, which depends on its own torques: 1e-9 holds where it reacts little
-  to the plant. A replay does not close the loop: there a strong reaction lets rounding grow. The
+  identifier it sees the plant identified so far, which depends on its own torques: 1e-9 holds where it reacts
+  little to the plant. A replay does not close the loop: there a strong reaction lets rounding grow. The
   shipped ``adaptive`` keeps to 1e-6 in double precision where the motors are given the same torques.
 - No torque is beyond its motor's limit, with and without a safety guard: the plant's of the driven joint; of the
   passive joint the friction compensation's of an identifier, or 0.
 - The torque of the driven joint is NaN where the state is not finite, so that no clipping hides a broken sensor.
-  Behind an estimator the model stands in for short gaps, and it is NaN after them.
+  Behind an estimator the model stands in for short gaps, and it is NaN after them. The passive joint's torque is
+  never NaN: it is 0 there.
 - Behind a safety guard no torque is ever NaN: the guard holds the last ones in a short gap, and then stops the
   controller (``policy/guard.py``).
 - Behind an estimator a call that comes sooner than 0.6 of its period after the last one keeps the torques, in C and
@@ -47,11 +48,11 @@ def four_numbers(x: Any) -> np.ndarray:
     return state
 
 
-class Torques(Protocol):
+class TorqueSource(Protocol):
     """What computes torques for a loop, and knows nothing of limits and guards."""
 
-    shortest_pause: float
-    """Calls that come sooner after the last one keep the torques (s)."""
+    min_pause: float
+    """A call that comes sooner after the last one (s) keeps the torques."""
 
     def reset(self) -> None:
         """Forget the run so far."""
@@ -59,26 +60,27 @@ class Torques(Protocol):
     def act(self, x: np.ndarray, t: float) -> np.ndarray:
         """The torques (2,) (N m) for the state x (4,) at time t (s)."""
 
-    def given(self, u: np.ndarray) -> None:
-        """Note what the motors were given of the torques (2,) (N m)."""
+    def remember(self, u: np.ndarray) -> None:
+        """Note the torques (2,) (N m) that the motors were given."""
 
 
-TorquesT = TypeVar("TorquesT", bound=Torques)
+SourceT = TypeVar("SourceT", bound=TorqueSource)
 
 
-class LoopController(Generic[TorquesT]):
+class LoopController(Generic[SourceT]):
     """A controller as a loop calls it: torques within the motors' limits, perhaps behind a safety guard.
 
     One object serves one pendulum.
     """
 
     def __init__(
-        self, inner: TorquesT, robot: Robot, limits: tuple[float, float], guard: GuardSettings | None = None
+        self, inner: SourceT, robot: Robot, limits: tuple[float, float], guard: GuardSettings | None = None
     ) -> None:
         """Take what computes the torques, and the torque limits of shoulder and elbow (N m)."""
         self.inner, self.robot, self.torque_limits = inner, robot, limits
         self.guard = None if guard is None else Guard(guard, robot.joint, limits)
         self._limits = np.array(limits)
+        self._passive = 1 - robot.joint
         self._own, self._acted = np.zeros(2), -math.inf
 
     @property
@@ -112,18 +114,20 @@ class LoopController(Generic[TorquesT]):
         x, t = four_numbers(x), float(t)
         if self.guard is not None and not self.guard.allows(t, x if measured is None else measured):
             return self.guard.stopped()
-        early = self._acted < t < self._acted + self.inner.shortest_pause
-        if not early:
+        keeps_torques = self._acted < t < self._acted + self.inner.min_pause
+        if not keeps_torques:
             self._own, self._acted = self.inner.act(x, t), t
-        wanted = self._own if added is None else self._own + added
-        u = self._limited(wanted) if self.guard is None else self.guard.limited(wanted)
+        asked = self._own if added is None else self._own + added
+        u = self._limited(asked) if self.guard is None else self.guard.limited(asked)
         # An estimator needs what the motors were given. The caller's torques belong to the plant, which then seems
         # to have less friction; else an identifier would compensate it once more.
-        if not early:
-            self.inner.given(u if added is None else self._limited(u - added))
+        if not keeps_torques:
+            self.inner.remember(u if added is None else self._limited(u - added))
         return u
 
     def _limited(self, u: np.ndarray) -> np.ndarray:
-        """Torques within the limits; NaN stays."""
+        """Torques within the limits; the driven joint's NaN stays, the passive one's becomes 0."""
         limited: np.ndarray = np.minimum(np.maximum(u, -self._limits), self._limits)
+        if math.isnan(limited[self._passive]):
+            limited[self._passive] = 0.0
         return limited

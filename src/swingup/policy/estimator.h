@@ -41,10 +41,13 @@ static inline void swingup_correction(const double miss[4], double correction[4]
 static inline int swingup_follow(swingup_estimator *c, const swingup_plant *plant, const double *x, double h, int age)
 {
     const double torque = c->torques[c->delay_steps];
-    double drifted[SWINGUP_DELAYS][4], evidence[SWINGUP_DELAYS], least = 0.0;
+    double drifted[SWINGUP_DELAYS][4], evidence[SWINGUP_DELAYS], minimum = 0.0;
     double predicted[4], miss[4], correction[4], change[4], response[2];
     int i, n, best = 0;
 
+    if (x && !swingup_finite(x, 4)) {
+        return 0;
+    }
     swingup_copy(predicted, c->state, 4);
     swingup_step(plant, predicted, torque, h);
     for (i = 0; i < 4; i++) {
@@ -70,8 +73,8 @@ static inline int swingup_follow(swingup_estimator *c, const swingup_plant *plan
             return 0;
         }
         /* A delay below the angles' own age cannot be. */
-        if (n <= age || against < least) {
-            least = against;
+        if (n <= age || against < minimum) {
+            minimum = against;
             best = n;
         }
     }
@@ -126,11 +129,11 @@ static inline void swingup_ahead(const swingup_estimator *c, const swingup_plant
 /* Whether a call at time t (s) comes so soon after the last one that the torques before are kept. */
 static inline int swingup_early(const swingup_estimator *c, double t)
 {
-    return c->called && t > c->time && t < c->time + SWINGUP_SHORTEST_STEP * SWINGUP_TIME_UNIT;
+    return c->called && swingup_finite(&t, 1) && t > c->time && t < c->time + SWINGUP_MIN_STEP * SWINGUP_TIME_UNIT;
 }
 
 /* Whether a state measured h (s) after the last one shows nothing new, for no longer than can be borne. */
-static inline int swingup_lost(swingup_estimator *c, const double x[4], double h)
+static inline int swingup_bridges(swingup_estimator *c, const double x[4], double h)
 {
     const int finite = swingup_finite(x, 4);
     int i, same = c->called && (x[2] != 0.0 || x[3] != 0.0);
@@ -145,9 +148,10 @@ static inline int swingup_lost(swingup_estimator *c, const double x[4], double h
 /* An estimate of the state now, for the state measured at time t (s). */
 static inline void swingup_observe(swingup_estimator *c, double t, const double measured[4], double seen[4])
 {
-    const double pause = (t - c->time) / SWINGUP_TIME_UNIT, h = pause > 0.0 ? pause : SWINGUP_DT;
-    const int late = !c->called || !(pause >= 0.0 && pause <= SWINGUP_LONGEST_STEP);
-    const int lost = swingup_lost(c, measured, h);
+    const int timed = swingup_finite(&t, 1) && swingup_finite(&c->time, 1);
+    const double pause = timed ? (t - c->time) / SWINGUP_TIME_UNIT : -1.0, h = pause > 0.0 ? pause : SWINGUP_DT;
+    const int late = !c->called || !(pause >= 0.0 && pause <= SWINGUP_MAX_STEP);
+    const int bridges = swingup_bridges(c, measured, h);
 #if SWINGUP_HAS_IDENTIFIER
     swingup_identifier *found = &c->identifier;
     const double *base = found->base, *friction = found->predicted_friction, *offsets = found->offsets;
@@ -165,9 +169,9 @@ static inline void swingup_observe(swingup_estimator *c, double t, const double 
 
     swingup_believe(&plant, base, friction);
 #if SWINGUP_HAS_IDENTIFIER
-    plant.load = SWINGUP_HAS_LOADS ? found->predicted_load : 0;
+    plant.load = SWINGUP_HAS_LOADS ? found->predicted_loads : 0;
 #endif
-    if (!late && swingup_follow(c, &plant, lost ? 0 : x, interval, age)) {
+    if (!late && swingup_follow(c, &plant, bridges ? 0 : x, interval, age)) {
         swingup_copy(seen, c->state, 4);
         swingup_ahead(c, &plant, seen, passed + (c->delay_steps - age) * h);
     } else {
@@ -182,7 +186,7 @@ static inline void swingup_observe(swingup_estimator *c, double t, const double 
         swingup_copy(seen, x, 4);
     }
 #if SWINGUP_HAS_IDENTIFIER
-    if (lost) {
+    if (bridges) {
         swingup_interrupt(found);
     } else {
         swingup_identify(found, measured, c->delay_steps, c->called ? pause : -1.0);

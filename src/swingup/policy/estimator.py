@@ -1,9 +1,9 @@
-"""A state estimator from the nominal model, the commanded torques and the measurements, in Python.
+"""The state estimator: a bank of Kalman filters, one for each delay of the loop, and a prediction over that delay.
 
 Encoders are good and velocities are noisy, on the real robots as in the robustness benchmark. A Kalman filter takes
 velocities mostly from successive positions and the model. The loop may have a delay (an old measurement, a slow
-motor): a bank of such filters, one for each delay, tells which explains the measured motion best, and the estimate
-is carried ahead over that time with the torques that are still on their way.
+motor): the filter whose delay explains the measured motion best is in charge, and its estimate is carried ahead
+over that delay with the torques that are still on their way.
 
 It remembers the estimate x̂ of the *measured* state, which is as old as the delay; the commanded torques
 u_0 ... u_N, u_0 the last one; for each delay n = 0 ... N a deviation d_n = (d_q, d_v) of its filter's estimate from
@@ -15,9 +15,9 @@ x̂, and evidence S_n; and the delay m. At each call with the measurement z, a t
 
        a_n = (u_n - u_m) b,   d_q ← d_q + h d_v + ½ h² a_n,   d_v ← d_v + h a_n.
 
-2. S_n ← exp(-Δ/T) S_n + log(1 + |e_q - d_q|²/s²). The new m is the n with the least S_n + c n, the smallest of
-   equal ones, and none below the angles' own age.
-3. d_n ← d_n - K d_n, x̂ ← p + K e + d_m, d_n ← d_n - d_m, with the Kalman gains K of ``settings.kalman_gains``.
+2. S_n ← exp(-Δ/T) S_n + log(1 + |e_q - d_q|²/s²). The new m is the n with the minimal S_n + c n, the smallest of
+   equal ones, and not below the angles' own age.
+3. d_n ← d_n - K d_n, x̂ ← p + K e + d_m, d_n ← d_n - d_m, with the Kalman gains K of ``kalman_gains``.
 4. The estimate restarts, x̂ ← z, all u_n and d_n ← 0, S and m as before the call, if there was no call before, if
    the last one was more than 4 Δ ago or is in the future, or if a rate of x̂ is not within 100 standard
    deviations of the measured one. The controller then sees z.
@@ -29,10 +29,11 @@ A z that is not finite, or repeats all digits of the last finite one with a velo
 new. In such a gap of at most ``longest_gap`` the model stands in: e = 0 and K = 0, S stays, no measured rate
 restarts the estimate, and the identifier begins its motion anew.
 
-With an identifier z is the measurement less the offsets found, the model is the plant found before this call, and h
-is the time between the angles where they are some calls old. The identifier is shown the measured angles last. The
-friction and the load that it found are compensated on both joints, b q̇ + c arctan(100 q̇) + c' + k q at the state
-seen, the undriven joint's within its limit; both torques are NaN if the state seen is not finite.
+With an identifier z is the measurement less the identified offsets, the model is the plant identified before this
+call, and h is the time between the angles where they are some calls old. The identifier is shown the measured
+angles last. The identified friction and load are compensated on both joints, b q̇ + c arctan(100 q̇) + c' + k q at
+the state seen, on the passive joint within its limit. If the state seen is not finite, the driven joint's torque is
+NaN and the passive one's 0.
 """
 
 import math
@@ -48,9 +49,15 @@ from ..plant.equations import ArrayOps, Number, Pair, damped_midpoint_step, fric
 from ..plant.plant import Plant, lump
 from ..plant.units import ACCELERATION, C1, TIME, VELOCITY, arm_scales, scaled, similar_plant
 from . import identifier
-from .identifier import LONGEST_STEP, Array, Found, IdentifierSettings, IdentifierState, Model
-from .identifier import Loop as IdentifierLoop
-from .identifier import make_loop as identifier_loop
+from .identifier import (
+    Array,
+    IdentifiedPlant,
+    IdentifierConstants,
+    IdentifierSettings,
+    IdentifierState,
+    PredictionModel,
+    identifier_constants,
+)
 
 POSITION_NOISE = 1e-4
 """Standard deviation of the measured angles (rad): that of an encoder of 2^14 counts is 1.1e-4."""
@@ -97,11 +104,11 @@ def kalman_gains(settings: EstimatorSettings) -> np.ndarray:
 
 
 RESET_SIGMAS = 100
-"""An estimate restarts where its rate is this many standard deviations off the measured one: that has jumped."""
+"""The estimate restarts where its rate is this many standard deviations off the measured one, which has jumped."""
 PREDICTION_STEPS = 4
-"""Steps in which the estimate is carried ahead over the delay."""
-PIECES = np.arange(PREDICTION_STEPS, -1.0, -1.0)[:, None]
-"""Ends of the pieces in which the estimate is carried ahead, in pieces before now (5, 1)."""
+"""Steps of the model in which the estimate is carried ahead over the delay."""
+PIECE_ENDS = np.arange(PREDICTION_STEPS, -1.0, -1.0)[:, None]
+"""Ends of these steps before now, in steps (5, 1)."""
 OUTLIER_SCALE = 1e-4
 """s: far larger errors of a predicted angle count little more (rad); a push must not decide the delay."""
 DELAY_PENALTY = 20.0
@@ -110,68 +117,50 @@ EVIDENCE_TIME = 5.0
 """T: time in which evidence on the delay fades (s)."""
 
 
-class Loop(NamedTuple):
-    """What an estimator knows of its loop."""
+class EstimatorConstants(NamedTuple):
+    """Constants of the estimator, derived from plant and settings, in C.1's units."""
 
     settings: EstimatorSettings
-    joint: int
-    """Index of the driven joint."""
-    model: Model
-    """The nominal plant."""
-    delays: np.ndarray
-    """0 to the longest one (steps)."""
-    gains: tuple[float, ...]
-    """Kalman gains of a joint, row by row: from the misses of its angle and its rate to corrections of both."""
-    finding: IdentifierLoop | None = None
-    """Identifies the plant; None for the nominal model."""
-    time_unit: float = 1.0
-    """Unit of all other times (s); calls come with their time in seconds."""
+    joint: int  # index of the driven joint
+    model: PredictionModel  # the nominal plant
+    delays: np.ndarray  # 0 to the maximum (steps)
+    gains: tuple[float, ...]  # Kalman gains of a joint, row by row, from errors to corrections of angle and rate
+    identifier: IdentifierConstants | None  # None for the nominal model
+    time_unit: float  # of all other times (s); calls come with their time in seconds
 
 
-def make_loop(
-    settings: EstimatorSettings, plant: Plant, joint: int, finding: IdentifierSettings | None = None
-) -> Loop:
-    """What an estimator knows of a plant's loop, in C.1's units.
-
-    The plant is the nominal one. With settings of an identifier, ``finding``, the model is what that finds.
-    """
+def estimator_constants(
+    settings: EstimatorSettings, plant: Plant, joint: int, identifier: IdentifierSettings | None = None
+) -> EstimatorConstants:
+    """Constants for a nominal plant; with settings of an identifier, the model is the plant that it identifies."""
     scales, identifies = arm_scales(plant), None
     own, plant = C1.over(scales), similar_plant(plant, scales)
     times = {name: scales.similar(getattr(settings, name), TIME) for name in ("dt", "longest_gap")}
     s = replace(scaled(settings, own), **times)
-    if finding is not None:
-        identifies = identifier_loop(plant, joint, s.dt, s.max_delay_steps, scaled(finding, own))
-    delays, model = np.arange(s.max_delay_steps + 1.0), Model(lump(plant), plant.friction, None)
+    if identifier is not None:
+        identifies = identifier_constants(plant, joint, s.dt, s.max_delay_steps, scaled(identifier, own))
+    delays, model = np.arange(s.max_delay_steps + 1.0), PredictionModel(lump(plant), plant.friction, None)
     gains = tuple(kalman_gains(s).ravel().tolist())
-    return Loop(s, joint, model, delays, gains, identifies, scales.time)
+    return EstimatorConstants(s, joint, model, delays, gains, identifies, scales.time)
 
 
 class EstimatorState(NamedTuple):
     """What is remembered from call to call."""
 
-    time: Any
-    """Time of the last call (s), -inf before the first: what a later time, less this, gives is a number."""
-    state: Array
-    """Estimate (4,) of the measured state, which is as old as the delay."""
-    torques: Array
-    """Commanded torques (depth,), newest first (N m)."""
-    deviations: tuple[Array, Array]
-    """The bank: what the filter with each delay estimates besides ``state``, angles and rates (depth, 2)."""
-    evidence: Array
-    """Evidence (depth,) against each delay, the lower the better."""
-    delay_steps: Number
-    """The delay found (steps)."""
-    sample: Array
-    """The last measurement (4,) that was finite."""
-    gap: Number
-    """Time since a measurement was new (s)."""
-    identified: IdentifierState | None = None
-    """What the identifier remembers; None without one."""
+    time: Any  # of the last call (s), -inf before the first: a later time less this is a number
+    state: Array  # estimate x̂ (4,) of the measured state, which is as old as the delay
+    torques: Array  # commanded torques (depth,), newest first (N m)
+    deviations: tuple[Array, Array]  # of each delay's filter from x̂, angles and rates (depth, 2)
+    evidence: Array  # evidence (depth,) against each delay
+    delay_steps: Number  # the delay found (steps)
+    sample: Array  # the last measurement (4,) that was finite
+    gap: Number  # time since a measurement was new (s)
+    identifier: IdentifierState | None = None
 
 
-def begin(maths: ArrayOps, loop: Loop) -> EstimatorState:
-    """Nothing seen yet."""
-    xp, depth = maths.xp, loop.settings.max_delay_steps + 1
+def begin(ops: ArrayOps, constants: EstimatorConstants) -> EstimatorState:
+    """The state before the first call."""
+    xp, depth = ops.xp, constants.settings.max_delay_steps + 1
     return EstimatorState(
         time=xp.array(-math.inf),
         state=xp.zeros(4),
@@ -181,121 +170,143 @@ def begin(maths: ArrayOps, loop: Loop) -> EstimatorState:
         delay_steps=xp.array(0),
         sample=xp.zeros(4),
         gap=xp.zeros(()),
-        identified=None if loop.finding is None else identifier.begin(maths, loop.finding),
+        identifier=None if constants.identifier is None else identifier.begin(ops, constants.identifier),
     )
 
 
 def observe(
-    maths: ArrayOps, loop: Loop, state: EstimatorState, found: Found | None, t: Any, x: Array
+    ops: ArrayOps,
+    constants: EstimatorConstants,
+    state: EstimatorState,
+    plant: IdentifiedPlant | None,
+    t: Any,
+    x: Array,
 ) -> tuple[EstimatorState, Array]:
-    """An estimate of the state now.
+    """One call: correct the estimate of the measured state, then carry it ahead to the present.
 
-    ``found`` is what an identifier has found before. The time t (s) is of the kind of the state's; x (4,) is
-    measured (rad, rad/s).
+    ``plant`` is what the identifier knew before this call. The time t (s) is of the kind of the state's; x (4,) is
+    the measurement (rad, rad/s).
     """
-    xp, period, measured = maths.xp, loop.settings.dt, x
-    pause = (t - state.time) / loop.time_unit
+    xp, period, measured = ops.xp, constants.settings.dt, x
+    pause = (t - state.time) / constants.time_unit
     # The first call (an infinite pause) and a clock of NaN fail both comparisons.
-    in_time = (pause >= 0) & (pause <= LONGEST_STEP * period)
+    in_time = (pause >= 0) & (pause <= identifier.MAX_STEP * period)
     # Both branches below may be computed: a late call needs a finite step, too.
-    dt, model = maths.where(in_time & (pause > 0), pause, period), loop.model
-    finite, (q1, q2, v1, v2), last = maths.finite(x), maths.numbers(x), maths.numbers(state.sample)
+    dt, model = ops.where(in_time & (pause > 0), pause, period), constants.model
+    finite, (q1, q2, v1, v2), last = ops.finite(x), ops.numbers(x), ops.numbers(state.sample)
+    # A pendulum at rest may repeat its digits, a moving one with a noisy sensor does not.
     repeats = (q1 == last[0]) & (q2 == last[1]) & (v1 == last[2]) & (v2 == last[3]) & ((v1 != 0) | (v2 != 0))
     gap = state.gap + dt
-    gap = maths.where(finite, maths.where(repeats, gap, 0.0), gap)
-    lost = (gap > 0) & (gap <= loop.settings.longest_gap) & (pause < math.inf)
-    sample = maths.where(finite, x, state.sample)
-    between, age, passed = dt, 0, 0.0
-    if found is not None and state.identified is not None:
-        x, model = x - maths.vector([*found.offsets, 0.0, 0.0]), found.model
-        between, age = identifier.interval(maths, state.identified, dt), state.identified.age
-        passed = identifier.elapsed(maths, state.identified, dt)
-    followed = _follow(maths, loop, state, x, lost, between, model, age)
-    # What is not finite fails the comparison, and is lost.
-    miss1, miss2 = maths.numbers(abs(x - followed.state)[2:])
-    jump = RESET_SIGMAS * loop.settings.velocity_noise
-    kept = in_time & (lost | ((miss1 <= jump) & (miss2 <= jump)))
-    after = maths.choose(xp.logical_not(kept), lambda: _restart(maths, state, x), followed)
+    gap = ops.where(finite, ops.where(repeats, gap, 0.0), gap)
+    bridges = (gap > 0) & (gap <= constants.settings.longest_gap) & (pause < math.inf)
+    sample = ops.where(finite, x, state.sample)
+    interval, age, elapsed = dt, 0, 0.0
+    if plant is not None and state.identifier is not None:
+        x, model = x - ops.vector([*plant.offsets, 0.0, 0.0]), plant.model
+        interval, age = identifier.interval(ops, state.identifier, dt), state.identifier.age
+        elapsed = identifier.elapsed(ops, state.identifier, dt)
+    followed = _follow(ops, constants, state, x, bridges, interval, model, age)
+    # An error that is not finite fails the comparison: the estimate restarts.
+    error1, error2 = ops.numbers(abs(x - followed.state)[2:])
+    jump = RESET_SIGMAS * constants.settings.velocity_noise
+    continues = in_time & (bridges | ((error1 <= jump) & (error2 <= jump)))
+    after = ops.choose(xp.logical_not(continues), lambda: _restart(ops, state, x), followed)
     # The filter's estimate is as old as the delay; the controller needs the present state.
-    time = passed + (after.delay_steps - age) * dt
-    ahead = maths.choose(after.delay_steps > 0, lambda: _ahead(maths, loop, after, time, model), after.state)
-    seen = maths.choose(kept & maths.finite(ahead), lambda: ahead, x)
-    shown = maths.where(lost, math.nan * measured, measured)
+    time = elapsed + (after.delay_steps - age) * dt
+    ahead = ops.choose(after.delay_steps > 0, lambda: _ahead(ops, constants, after, time, model), after.state)
+    seen = ops.choose(continues & ops.finite(ahead), lambda: ahead, x)
     # In a gap the identifier is shown NaN, so that its motion begins anew.
-    identified = _identify(maths, loop, after, in_time, pause, shown)
-    return after._replace(time=t, sample=sample, gap=gap, identified=identified), seen
+    shown = ops.where(bridges, math.nan * measured, measured)
+    identified = _identify(ops, constants, after, in_time, pause, shown)
+    return after._replace(time=t, sample=sample, gap=gap, identifier=identified), seen
 
 
-def compensation(maths: ArrayOps, loop: Loop, found: Found, seen: Array) -> Array:
-    """Torques (2,) against friction and load found (N m); NaN if the state seen (4,) is not finite."""
-    assert loop.finding is not None  # the caller has what it found
-    most, finite = loop.finding.passive_limit, maths.finite(seen)
-    q1, q2, *rates = maths.numbers(seen)
-    loads: Pair = (0.0, 0.0) if found.commanded_load is None else found.commanded_load.at(q1, q2)
+def compensation(ops: ArrayOps, constants: EstimatorConstants, plant: IdentifiedPlant, seen: Array) -> Array:
+    """Torques (2,) against the identified friction and load (N m), for the state seen (4,).
+
+    If that is not finite, the driven joint's is NaN and the passive one's 0.
+    """
+    assert constants.identifier is not None  # it has identified the plant
+    limit, finite = constants.identifier.passive_limit, ops.finite(seen)
+    q1, q2, *rates = ops.numbers(seen)
+    loads: Pair = (0.0, 0.0) if plant.commanded_loads is None else plant.commanded_loads.at(q1, q2)
     torques = []
-    for joint, (b, cf, rate, load) in enumerate(zip(*found.commanded_friction, rates, loads, strict=True)):
+    for joint, (b, cf, rate, load) in enumerate(zip(*plant.commanded_friction, rates, loads, strict=True)):
+        torque = friction(b, cf, rate, ops.arctan) + load
+        driven = joint == constants.joint
+        torque = torque if driven else ops.clip(torque, -limit, limit)
         # The arctangent and the clip would make a finite torque of an infinite velocity.
-        torque = friction(b, cf, maths.where(finite, rate, math.nan), maths.arctan) + load
-        torques.append(torque if joint == loop.joint else maths.clip(torque, -most, most))
-    return maths.vector(torques)
+        torques.append(ops.where(finite, torque, math.nan if driven else 0.0))
+    return ops.vector(torques)
 
 
-def remember(maths: ArrayOps, loop: Loop, state: EstimatorState, u: Array) -> EstimatorState:
-    """Note the torques (2,) that both motors were asked for, within their limits (N m)."""
-    torques = maths.xp.concatenate([u[loop.joint][None], state.torques[:-1]])
-    identified = None if state.identified is None else identifier.remember(maths, state.identified, u)
-    return state._replace(torques=torques, identified=identified)
+def remember(ops: ArrayOps, constants: EstimatorConstants, state: EstimatorState, u: Array) -> EstimatorState:
+    """Note the torques (2,) that both motors were commanded, within their limits (N m)."""
+    torques = ops.xp.concatenate([u[constants.joint][None], state.torques[:-1]])
+    identified = None if state.identifier is None else identifier.remember(ops, state.identifier, u)
+    return state._replace(torques=torques, identifier=identified)
 
 
 def _identify(
-    maths: ArrayOps, loop: Loop, state: EstimatorState, in_time: Any, pause: Number, x: Array
+    ops: ArrayOps, constants: EstimatorConstants, state: EstimatorState, in_time: Any, pause: Number, x: Array
 ) -> IdentifierState | None:
-    """Show the identifier, if any, the angles measured a pause (s) after the last ones, perhaps too late."""
-    before, behind, period = state.identified, loop.finding, loop.settings.dt
-    if behind is None or before is None:
+    """Show the identifier, if any, the angles of x, measured a pause (s) after the last ones."""
+    before, known, period = state.identifier, constants.identifier, constants.settings.dt
+    if known is None or before is None:
         return None
-    late = maths.xp.logical_not(in_time)
-    going_on = maths.choose(late, lambda: identifier.restart(maths, behind, before), before)
-    step = maths.where(pause == 0, period, pause)
-    return identifier.observe(maths, behind, going_on, x[:2], state.delay_steps, step)
+    late = ops.xp.logical_not(in_time)
+    begun = ops.choose(late, lambda: identifier.restart(ops, known, before), before)
+    step = ops.where(pause == 0, period, pause)
+    return identifier.observe(ops, known, begun, x[:2], state.delay_steps, step)
 
 
-def _restart(maths: ArrayOps, state: EstimatorState, x: Array) -> EstimatorState:
+def _restart(ops: ArrayOps, state: EstimatorState, x: Array) -> EstimatorState:
     """Believe the measurement. The evidence on the delay is kept: it belongs to the loop, not to the motion."""
-    zeros = maths.xp.zeros_like(state.deviations[0])
-    return state._replace(state=x, torques=maths.xp.zeros_like(state.torques), deviations=(zeros, zeros))
+    zeros = ops.xp.zeros_like(state.deviations[0])
+    return state._replace(state=x, torques=ops.xp.zeros_like(state.torques), deviations=(zeros, zeros))
 
 
 def _follow(
-    maths: ArrayOps, loop: Loop, state: EstimatorState, x: Array, lost: Any, dt: Number, model: Model, age: Number
+    ops: ArrayOps,
+    constants: EstimatorConstants,
+    state: EstimatorState,
+    x: Array,
+    bridges: Any,
+    dt: Number,
+    model: PredictionModel,
+    age: Number,
 ) -> EstimatorState:
-    """One step of dt (s) of the filter in charge and of the bank, for angles of an age (calls), or in a gap."""
-    xp = maths.xp
-    follows = maths.where(lost, 0.0, 1.0)
-    gains, torque = tuple(follows * each for each in loop.gains), maths.number(state.torques[state.delay_steps])
-    predicted = step(maths, loop, model, state.state, (torque,), dt)
-    # In a gap the measurement may be NaN, which 0 times it would not remove.
-    miss = maths.choose(lost, lambda: 0.0 * predicted, x - predicted)
-    angles, rates = maths.nearest(miss[:2]), miss[2:]
+    """One step of dt (s) of the filter in charge and of the bank: steps 1 to 3, for angles of an age (calls).
 
-    extra = (state.torques - torque)[:, None] * response(maths, loop, model, state.state)
+    Where the model bridges a gap, nothing is corrected.
+    """
+    xp = ops.xp
+    measures = ops.where(bridges, 0.0, 1.0)
+    gains, torque = tuple(measures * each for each in constants.gains), ops.number(state.torques[state.delay_steps])
+    predicted = step(ops, constants, model, state.state, (torque,), dt)
+    # In a gap the measurement may be NaN, which 0 times it would not remove.
+    error = ops.choose(bridges, lambda: 0.0 * predicted, x - predicted)
+    angles, rates = ops.nearest(error[:2]), error[2:]
+
+    # One nonlinear model serves all filters: they differ in the torque alone, which enters linearly.
+    extra = (state.torques - torque)[:, None] * response(ops, constants, model, state.state)
     bank_angles, bank_rates = state.deviations
     bank_angles = bank_angles + dt * bank_rates + 0.5 * dt**2 * extra
     bank_rates = bank_rates + dt * extra
 
     # Angles alone: the delay shows there, and velocities are noisy.
     squares = (angles - bank_angles) ** 2
-    far = (squares[:, 0] + squares[:, 1]) / OUTLIER_SCALE**2
-    evidence = math.exp(-loop.settings.dt / EVIDENCE_TIME) * state.evidence + xp.log1p(far)
-    evidence = maths.where(lost, state.evidence, evidence)
+    distance = (squares[:, 0] + squares[:, 1]) / OUTLIER_SCALE**2
+    evidence = math.exp(-constants.settings.dt / EVIDENCE_TIME) * state.evidence + xp.log1p(distance)
+    evidence = ops.where(bridges, state.evidence, evidence)
     # A delay below the angles' own age cannot be.
-    delays = xp.asarray(loop.delays, evidence.dtype)
+    delays = xp.asarray(constants.delays, evidence.dtype)
     delay_steps = xp.argmin(xp.where(delays < age, math.inf, evidence + DELAY_PENALTY * delays))
 
     corrected = _correction(gains, bank_angles, bank_rates)
     bank_angles, bank_rates = bank_angles - corrected[0], bank_rates - corrected[1]
     angles, rates = _correction(gains, angles, rates)
-    # They count from the filter in charge, which may be another one now.
+    # Deviations count from the filter in charge, which may be another one now.
     own_angles, own_rates = bank_angles[delay_steps], bank_rates[delay_steps]
     return state._replace(
         state=xp.concatenate([predicted[:2] + angles + own_angles, predicted[2:] + rates + own_rates]),
@@ -306,35 +317,44 @@ def _follow(
 
 
 def _correction(gains: tuple[Number, ...], angles: Array, rates: Array) -> tuple[Array, Array]:
-    """What the Kalman gains make of misses."""
+    """Kalman gains times errors of angles and rates."""
     return gains[0] * angles + gains[1] * rates, gains[2] * angles + gains[3] * rates
 
 
-def _ahead(maths: ArrayOps, loop: Loop, state: EstimatorState, time: Number, model: Model) -> Array:
-    """The state after the delay, a time (s), in pieces with the mean of the torques that act in each."""
-    xp, steps = maths.xp, maths.number(state.delay_steps / PREDICTION_STEPS)
-    # How much of each torque's step lies before a piece's ends: it began and will end so many steps ago.
-    pieces, delays = (xp.asarray(each, state.evidence.dtype) for each in (PIECES, loop.delays))
-    passed = xp.minimum(xp.maximum(pieces * steps - delays, 0.0), 1.0)
-    # Without a delay the pieces are empty: 0 / 0 would be NaN.
-    torques = ((passed[:-1] - passed[1:]) * state.torques).sum(axis=1) / maths.maximum(steps, 1e-6)
-    return step(maths, loop, model, state.state, maths.numbers(torques), time / PREDICTION_STEPS)
+def _ahead(
+    ops: ArrayOps, constants: EstimatorConstants, state: EstimatorState, time: Number, model: PredictionModel
+) -> Array:
+    """The state after the delay, a time (s), in steps with the mean of the torques that act in each."""
+    xp, steps = ops.xp, ops.number(state.delay_steps / PREDICTION_STEPS)
+    # How much of each command lies before a step's ends: it began and will end so many calls ago.
+    ends, delays = (xp.asarray(each, state.evidence.dtype) for each in (PIECE_ENDS, constants.delays))
+    passed = xp.minimum(xp.maximum(ends * steps - delays, 0.0), 1.0)
+    # Without a delay the steps are empty: 0 / 0 would be NaN.
+    torques = ((passed[:-1] - passed[1:]) * state.torques).sum(axis=1) / ops.maximum(steps, 1e-6)
+    return step(ops, constants, model, state.state, ops.numbers(torques), time / PREDICTION_STEPS)
 
 
-def step(maths: ArrayOps, loop: Loop, model: Model, x: Array, torques: tuple[Number, ...], dt: Number) -> Array:
+def step(
+    ops: ArrayOps,
+    constants: EstimatorConstants,
+    model: PredictionModel,
+    x: Array,
+    torques: tuple[Number, ...],
+    dt: Number,
+) -> Array:
     """The state (4,) after steps of dt (s) from x, each with its torque of the driven joint (N m)."""
-    (plant, losses, load), numbers = model, maths.numbers(x)
+    (plant, losses, load), numbers = model, ops.numbers(x)
     for torque in torques:
-        u = (torque, 0.0) if loop.joint == 0 else (0.0, torque)
+        u = (torque, 0.0) if constants.joint == 0 else (0.0, torque)
         if load is not None:
             against = load.at(numbers[0], numbers[1])
             u = u[0] - against[0], u[1] - against[1]
-        numbers = damped_midpoint_step(plant, losses, numbers, u, dt, maths)
-    return maths.vector(numbers)
+        numbers = damped_midpoint_step(plant, losses, numbers, u, dt, ops)
+    return ops.vector(numbers)
 
 
-def response(maths: ArrayOps, loop: Loop, model: Model, x: Array) -> Array:
+def response(ops: ArrayOps, constants: EstimatorConstants, model: PredictionModel, x: Array) -> Array:
     """M⁻¹ times the torque of 1 N m on the driven joint (2,) (rad/s²)."""
-    driven = (1.0, 0.0) if loop.joint == 0 else (0.0, 1.0)
-    _, cos2 = maths.sine_cosine(maths.numbers(x)[1])
-    return maths.vector(equations.response(model.plant, cos2, driven))
+    driven = (1.0, 0.0) if constants.joint == 0 else (0.0, 1.0)
+    _, cos2 = ops.sine_cosine(ops.numbers(x)[1])
+    return ops.vector(equations.response(model.plant, cos2, driven))

@@ -10,7 +10,7 @@ typedef struct {
     int reason;         /* why the controller was stopped; SWINGUP_GUARD_NONE while it acts */
     int joint;          /* the joint meant: 0 is the shoulder, 1 the elbow; -1 for none */
     double when, value; /* time of that call (s), and what was beyond its limit or not finite */
-    int called, still, brakes, lost;
+    int called, still, brakes, broken;
     double time, step;            /* of the last call, and since the one before (s) */
     double sample[4], torques[2]; /* last finite measurement, and torques */
     double gaps[2], stuck;        /* time for which a joint has shown nothing new, and stood still (s) */
@@ -37,12 +37,12 @@ static inline void swingup_check(swingup_guard *c, const double x[4], int first)
     const double borne = c->reason == SWINGUP_GUARD_NONE ? SWINGUP_GUARD_LONGEST_GAP : 0.0;
     double *sample = c->sample;
     int i, finite[2], same[2];
-    c->lost = 0;
+    c->broken = 0;
     for (i = 0; i < 2; i++) {
         finite[i] = swingup_finite(x + i, 1) && swingup_finite(x + i + 2, 1);
         same[i] = !finite[i] || (!first && x[i] == sample[i] && x[i + 2] == sample[i + 2]);
         c->gaps[i] = finite[i] && (!same[i] || x[i + 2] == 0.0) ? 0.0 : c->gaps[i] + c->step;
-        c->lost |= !finite[i];
+        c->broken |= !finite[i];
         if (finite[i]) {
             sample[i] = x[i];
             sample[i + 2] = x[i + 2];
@@ -120,7 +120,7 @@ static inline void swingup_limited(swingup_guard *c, double u[2])
     const double change = SWINGUP_GUARD_TORQUE_RATE * c->step;
     int i;
     for (i = 0; i < 2; i++) {
-        if (!swingup_finite(u + i, 1) && c->lost) {
+        if (!swingup_finite(u + i, 1) && c->broken) {
             swingup_copy(u, c->torques, 2);
             return;
         }
@@ -131,9 +131,9 @@ static inline void swingup_limited(swingup_guard *c, double u[2])
         }
     }
     for (i = 0; i < 2; i++) {
-        const double most = c->torques[i] + change, least = c->torques[i] - change;
-        u[i] = u[i] > most ? most : u[i];
-        u[i] = swingup_clip(u[i] < least ? least : u[i], swingup_limits[i]);
+        const double upper = c->torques[i] + change, lower = c->torques[i] - change;
+        u[i] = u[i] > upper ? upper : u[i];
+        u[i] = swingup_clip(u[i] < lower ? lower : u[i], swingup_limits[i]);
         c->torques[i] = u[i];
     }
 }

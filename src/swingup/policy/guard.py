@@ -171,7 +171,7 @@ class Guard:
         self._sample = (0.0, 0.0, 0.0, 0.0)
         self._torques = (0.0, 0.0)
         self._gaps, self._stuck = [0.0, 0.0], 0.0
-        self._lost = False
+        self._broken = False
         self._standstills = 0
         self._brakes = False
 
@@ -189,7 +189,7 @@ class Guard:
             if not math.isfinite(asked[joint]):
                 # Short of an estimator nothing can be computed from a broken measurement: the last torques are
                 # held.
-                if self._lost:
+                if self._broken:
                     return np.array(self._torques)
                 self._stop(Fault(Reason.TORQUE, self._time, joint, asked[joint]))
                 return self.stopped()
@@ -240,7 +240,7 @@ class Guard:
         s, driven, before = self.settings, self._joint, self._sample
         finite = [math.isfinite(x[i]) and math.isfinite(x[i + 2]) for i in (0, 1)]
         same = [not first and x[i] == before[i] and x[i + 2] == before[i + 2] for i in (0, 1)]
-        self._lost = not all(finite)
+        self._broken = not all(finite)
         for i in (0, 1):
             shows = finite[i] and (not same[i] or x[i + 2] == 0)
             self._gaps[i] = 0.0 if shows else self._gaps[i] + self._step

@@ -10,7 +10,7 @@
 #if SWINGUP_HAS_IDENTIFIER
 /*
  * The unknowns: nine base parameters, what the offsets of both angles add to gravity's torques (kg m), the torque's
- * lag (s) behind the delay, and the part of its command that the undriven joint's motor delivers.
+ * lag (s) behind the delay, and the part of its command that the passive joint's motor delivers.
  */
 #define SWINGUP_TILT 9
 #define SWINGUP_LAG 11
@@ -28,9 +28,9 @@ typedef struct {
 
 typedef struct {
     int calls;                              /* measurements since the last restart */
-    int delay_steps;                        /* the delay told last (steps), or age where that is more */
+    int delay_steps;                        /* the estimator's last delay (steps), or age where that is more */
     int age;                                /* how many calls ago the angles were the plant's */
-    double missed[SWINGUP_AGES];            /* what the motion misses with each age */
+    double age_evidence[SWINGUP_AGES];      /* evidence against each age of the angles */
     double angles[2 * SWINGUP_SPAN + 1][2]; /* measured, without jumps of full turns, newest first (rad) */
     double torques[SWINGUP_COMMANDS][2];    /* asked of both motors, newest first (N m) */
     double steps[SWINGUP_COMMANDS];         /* time for which each was held (s) */
@@ -38,53 +38,51 @@ typedef struct {
     double unknowns[SWINGUP_UNKNOWNS];
     double covariance[SWINGUP_UNKNOWNS][SWINGUP_UNKNOWNS];
     double variance[2];           /* of what each joint's row leaves unexplained (N^2 m^2) */
-    double held[2];               /* time for which each joint's row is still not used (s) */
+    double gate[2];               /* time for which each joint's row is still not used (s) */
     double noise[2];              /* variance of the noise of both angles (rad^2) */
     double base[9];               /* base parameters of a pendulum: those found, or as near to them as can be */
     double residual_base[9];      /* the same with the friction that the compensation leaves */
     double predicted_friction[4]; /* of the estimator's model: damping of both joints, then Coulomb friction */
     double commanded_friction[4]; /* the same, of the friction whose counterpart the motors are commanded */
-    double commanded_load[4];     /* constant torques of both joints, then springs, that the motors carry */
-    double predicted_load[4];     /* the same, of the estimator's model */
+    double commanded_loads[4];     /* constant torques of both joints, then springs, that the motors carry */
+    double predicted_loads[4];     /* the same, of the estimator's model */
     double offsets[2];            /* how much the measured angles are too large (rad) */
 } swingup_identifier;
 
 /* The compensation of the friction found, and the offsets of the angles. */
-static inline void swingup_share(swingup_identifier *c)
+static inline void swingup_share_out(swingup_identifier *c)
 {
     const double *tilt = c->unknowns + SWINGUP_TILT;
-    const double delivered = swingup_more(c->unknowns[SWINGUP_GAIN], 0.0);
-    const double asks = SWINGUP_PASSIVE_LIMIT > 0.0 ? 1.0 / swingup_more(delivered, SWINGUP_LEAST_GAIN) : 0.0;
+    const double delivered = swingup_max(c->unknowns[SWINGUP_GAIN], 0.0);
+    const double factor = SWINGUP_PASSIVE_LIMIT > 0.0 ? 1.0 / swingup_max(delivered, SWINGUP_MIN_GAIN) : 0.0;
     int i;
     swingup_copy(c->residual_base, c->base, 9);
     for (i = 0; i < 4; i++) {
         const int driven = i % 2 == SWINGUP_DRIVEN;
-        c->commanded_friction[i] = swingup_more(c->base[4 + i], 0.0) * (driven ? 1.0 : asks);
+        c->commanded_friction[i] = swingup_max(c->base[4 + i], 0.0) * (driven ? 1.0 : factor);
         c->residual_base[4 + i] -= (driven ? 1.0 : delivered) * c->commanded_friction[i];
         /* It brakes, or the implicit step would be singular near rest. The estimator counts the driven motor alone. */
-        c->predicted_friction[i] = swingup_more(driven ? c->base[4 + i] : c->residual_base[4 + i], 0.0);
+        c->predicted_friction[i] = swingup_max(driven ? c->base[4 + i] : c->residual_base[4 + i], 0.0);
     }
     for (i = 0; i < 4 && SWINGUP_HAS_LOADS; i++) {
         const int driven = i % 2 == SWINGUP_DRIVEN;
         const double found = c->unknowns[SWINGUP_UNKNOWNS - 4 + i];
-        c->commanded_load[i] = found * (driven ? 1.0 : asks);
-        c->predicted_load[i] = found * (driven ? 1.0 : 1.0 - asks * delivered);
+        c->commanded_loads[i] = found * (driven ? 1.0 : factor);
+        c->predicted_loads[i] = found * (driven ? 1.0 : 1.0 - factor * delivered);
     }
-    c->offsets[0] = swingup_clip(tilt[0] / c->base[3], SWINGUP_MOST_OFFSET);
-    c->offsets[1] = swingup_clip(tilt[1] / c->base[2], SWINGUP_MOST_OFFSET) - c->offsets[0];
+    c->offsets[0] = swingup_clip(tilt[0] / c->base[3], SWINGUP_MAX_OFFSET);
+    c->offsets[1] = swingup_clip(tilt[1] / c->base[2], SWINGUP_MAX_OFFSET) - c->offsets[0];
 }
 
-/* Add the torques (N m) against friction and load found, for the state seen; NaN if that is not finite. */
+/* Add the torques (N m) against the identified friction and load, for the state seen. */
 static inline void swingup_compensate(const swingup_identifier *c, const double seen[4], double u[2])
 {
-    const int finite = swingup_finite(seen, 4);
     int i;
     for (i = 0; i < 2; i++) {
-        const double rate = seen[i + 2], load = c->commanded_load[i] + c->commanded_load[i + 2] * seen[i];
+        const double rate = seen[i + 2], load = c->commanded_loads[i] + c->commanded_loads[i + 2] * seen[i];
         const double torque = c->commanded_friction[i] * rate + c->commanded_friction[i + 2] * atan(SWINGUP_STEEPNESS * rate) + load;
-        /* The arctangent and the clip would make a finite torque of an infinite velocity. */
         const double within = i == SWINGUP_DRIVEN ? torque : swingup_clip(torque, SWINGUP_PASSIVE_LIMIT);
-        u[i] += finite ? SWINGUP_TORQUE_UNIT * within : (double)NAN;
+        u[i] += SWINGUP_TORQUE_UNIT * within;
     }
 }
 
@@ -98,15 +96,15 @@ static inline void swingup_begin(swingup_identifier *c)
     for (i = 0; i < SWINGUP_UNKNOWNS; i++) {
         swingup_copy(c->covariance[i], swingup_prior[i], SWINGUP_UNKNOWNS);
     }
-    swingup_copy(c->variance, swingup_first_variance, 2);
+    swingup_copy(c->variance, swingup_initial_variance, 2);
     swingup_copy(c->base, swingup_mean, 9);
     for (i = 0; i < SWINGUP_COMMANDS; i++) {
         c->steps[i] = SWINGUP_DT;
     }
-    swingup_share(c);
+    swingup_share_out(c);
 }
 
-/* Half of both joints' equations, at the midpoint between angles (rad). */
+/* One half of both joints' equations, at the midpoint between angles (rad). */
 typedef struct {
     double rates[2], momentum[2], turning, pull[2], slope[2], bend[2], bending;
 } swingup_half;
@@ -163,12 +161,12 @@ static inline double swingup_age(const swingup_identifier *c, int n)
 /* The loop's own period (s): a call that comes late now and then must not change the low-passes or the rows. */
 static inline double swingup_period(const swingup_identifier *c)
 {
-    double least = c->steps[c->age];
+    double shortest = c->steps[c->age];
     int k;
     for (k = 1; k < 2 * SWINGUP_SPAN; k++) {
-        least = c->steps[c->age + k] < least ? c->steps[c->age + k] : least;
+        shortest = c->steps[c->age + k] < shortest ? c->steps[c->age + k] : shortest;
     }
-    return least;
+    return shortest;
 }
 
 /* Steps in half of a row: as many as take its time in a loop of a period (s). */
@@ -244,41 +242,41 @@ static inline void swingup_rows(const swingup_identifier *c, double rows[2][SWIN
 static inline void swingup_follow_noise(swingup_identifier *c, double step)
 {
     const double *steps = c->steps + c->age;
-    double least = steps[0], most = steps[0];
+    double shortest = steps[0], longest = steps[0];
     int i;
     for (i = 1; i < 3; i++) {
-        least = steps[i] < least ? steps[i] : least;
-        most = steps[i] > most ? steps[i] : most;
+        shortest = steps[i] < shortest ? steps[i] : shortest;
+        longest = steps[i] > longest ? steps[i] : longest;
     }
     /* An uneven step shows in the differences like noise. */
-    for (i = 0; i < 2 && most - least < SWINGUP_EVEN_STEPS * SWINGUP_DT; i++) {
+    for (i = 0; i < 2 && longest - shortest < SWINGUP_EVEN_TOLERANCE * SWINGUP_DT; i++) {
         const double difference = c->angles[0][i] - c->angles[3][i] - 3.0 * (c->angles[1][i] - c->angles[2][i]);
         const double seen = difference * difference / 20.0; /* 1 + 9 + 9 + 1 */
-        const double bounded = seen < SWINGUP_MOST_NOISE * SWINGUP_MOST_NOISE ? seen : SWINGUP_MOST_NOISE * SWINGUP_MOST_NOISE;
+        const double bounded = seen < SWINGUP_MAX_NOISE * SWINGUP_MAX_NOISE ? seen : SWINGUP_MAX_NOISE * SWINGUP_MAX_NOISE;
         c->noise[i] += -expm1(-step / SWINGUP_NOISE_TIME) * (bounded - c->noise[i]);
     }
 }
 
 /* What the noise of the angles takes from a joint's row in the mean, of the base parameters 0 to 2 and 8. */
-static inline void swingup_spoilt(const swingup_identifier *c, int joint, double step, double spoilt[4])
+static inline void swingup_noise_bias(const swingup_identifier *c, int joint, double step, double bias[4])
 {
     const double *x = c->unknowns, gr = SWINGUP_GEAR, gain = SWINGUP_NOISE_GAIN * step / SWINGUP_DT;
     const double along = SWINGUP_L1 * cos(c->angles[0][1]), m12 = x[1] + along * x[2] - gr * x[8];
     const double m11 = x[0] + 2.0 * along * x[2] + gr * gr * x[8] + x[8], m22 = x[1] + gr * gr * x[8];
     const double a1 = gain * c->noise[0] * (joint == 0 ? m11 : m12), a2 = gain * c->noise[1] * (joint == 0 ? m12 : m22);
-    spoilt[0] = joint == 0 ? a1 : 0.0;
-    spoilt[1] = joint == 0 ? a2 : a1 + a2;
-    spoilt[2] = along * (joint == 0 ? 2.0 * a1 + a2 : a1);
-    spoilt[3] = joint == 0 ? (gr * gr + 1.0) * a1 - gr * a2 : gr * gr * a2 - gr * a1;
+    bias[0] = joint == 0 ? a1 : 0.0;
+    bias[1] = joint == 0 ? a2 : a1 + a2;
+    bias[2] = along * (joint == 0 ? 2.0 * a1 + a2 : a1);
+    bias[3] = joint == 0 ? (gr * gr + 1.0) * a1 - gr * a2 : gr * gr * a2 - gr * a1;
 }
 
 /* One joint's low-passed row: the variance of its errors, and what it tells of the unknowns. */
 static inline void swingup_update(swingup_identifier *c, int joint, double step)
 {
-    const double least = swingup_least_variance[joint], most = swingup_most_variance[joint];
+    const double bound = swingup_max_variance[joint];
     const double *row = c->filter.rows[2][joint];
-    double uncertain[SWINGUP_UNKNOWNS], spoilt[4], predictive_variance = 0.0, error = row[SWINGUP_UNKNOWNS], size = fabs(error);
-    double lowest, r, distance, held, w, heavy, seen;
+    double uncertain[SWINGUP_UNKNOWNS], bias[4], predictive_variance = 0.0, error = row[SWINGUP_UNKNOWNS], size = fabs(error);
+    double floor_variance, r, distance, gate, w, row_variance, square;
     int i, j;
 
     for (i = 0; i < SWINGUP_UNKNOWNS; i++) {
@@ -296,19 +294,19 @@ static inline void swingup_update(swingup_identifier *c, int joint, double step)
     for (i = 0; i < 4; i++) {
         size += fabs(row[i]) * fabs(c->unknowns[i]);
     }
-    lowest = least + (SWINGUP_RELATIVE_FLOOR * size) * (SWINGUP_RELATIVE_FLOOR * size);
-    r = swingup_more(c->variance[joint], lowest);
+    floor_variance = swingup_min_variance[joint] + (SWINGUP_RELATIVE_FLOOR * size) * (SWINGUP_RELATIVE_FLOOR * size);
+    r = swingup_max(c->variance[joint], floor_variance);
     distance = error * error / (predictive_variance + r);
-    held = distance > SWINGUP_GATE_SQUARED ? SWINGUP_GATE_HOLD : c->held[joint] - step;
-    w = (SWINGUP_STUDENT + distance) / (SWINGUP_STUDENT + 1.0);
-    heavy = r * swingup_more(1.0, SWINGUP_CORRELATION / step) * swingup_more(w, 1.0);
-    /* A spoilt angle must not blind the identifier for seconds. */
-    seen = distance * r < most ? distance * r : most;
-    c->variance[joint] += -expm1(-step / (seen > c->variance[joint] ? SWINGUP_RISE_TIME : SWINGUP_FALL_TIME)) * (seen - c->variance[joint]);
-    c->held[joint] = swingup_more(held, 0.0);
-    swingup_spoilt(c, joint, step, spoilt);
+    gate = distance > SWINGUP_GATE_SQUARED ? SWINGUP_GATE_TIME : c->gate[joint] - step;
+    w = (SWINGUP_FREEDOM + distance) / (SWINGUP_FREEDOM + 1.0);
+    row_variance = r * swingup_max(1.0, SWINGUP_CORRELATION / step) * swingup_max(w, 1.0);
+    /* Bounded: one wrong angle must not blind the identifier for seconds. */
+    square = distance * r < bound ? distance * r : bound;
+    c->variance[joint] += -expm1(-step / (square > c->variance[joint] ? SWINGUP_RISE_TIME : SWINGUP_FALL_TIME)) * (square - c->variance[joint]);
+    c->gate[joint] = swingup_max(gate, 0.0);
+    swingup_noise_bias(c, joint, step, bias);
     for (i = 0; i < SWINGUP_UNKNOWNS; i++) {
-        const double gain = held > 0.0 ? 0.0 : uncertain[i] / (predictive_variance + heavy);
+        const double gain = gate > 0.0 ? 0.0 : uncertain[i] / (predictive_variance + row_variance);
         c->unknowns[i] += gain * error;
         /* Half of the symmetric matrix is computed: at -O2 this loop was a quarter of a call's time. */
         for (j = 0; j <= i; j++) {
@@ -316,9 +314,9 @@ static inline void swingup_update(swingup_identifier *c, int joint, double step)
             c->covariance[j][i] = c->covariance[i][j];
         }
     }
-    for (i = 0; i < SWINGUP_UNKNOWNS && !(held > 0.0); i++) {
+    for (i = 0; i < SWINGUP_UNKNOWNS && !(gate > 0.0); i++) {
         const double *p = c->covariance[i];
-        c->unknowns[i] += (p[0] * spoilt[0] + p[1] * spoilt[1] + p[2] * spoilt[2] + p[8] * spoilt[3]) / heavy;
+        c->unknowns[i] += (p[0] * bias[0] + p[1] * bias[1] + p[2] * bias[2] + p[8] * bias[3]) / row_variance;
     }
 }
 
@@ -368,13 +366,13 @@ static inline void swingup_project(swingup_identifier *c)
         const double product = (m11 * m22 - m12 * m12) / determinant;
         /* Both eigenvalues are real; rounding may not make the root's argument negative. */
         const double smallest = half - sqrt(fabs(half * half - product));
-        const double allowed = (1.0 - SWINGUP_LEAST_MASS_SHARE) / (1.0 - (smallest < SWINGUP_LEAST_MASS_SHARE ? smallest : SWINGUP_LEAST_MASS_SHARE));
+        const double allowed = (1.0 - SWINGUP_MIN_MASS_SHARE) / (1.0 - (smallest < SWINGUP_MIN_MASS_SHARE ? smallest : SWINGUP_MIN_MASS_SHARE));
         share = allowed < share ? allowed : share;
     }
     for (i = 0; i < 9; i++) {
         c->base[i] = swingup_mean[i] + share * (found[i] - swingup_mean[i]);
     }
-    swingup_share(c);
+    swingup_share_out(c);
 }
 
 /* After a pause: what was found stays, the motion before is forgotten. */
@@ -406,22 +404,22 @@ static inline double swingup_elapsed(const swingup_identifier *c, double h)
 static inline int swingup_weigh_ages(swingup_identifier *c)
 {
     const double time = swingup_age(c, 2 * SWINGUP_SPAN);
-    double rate[2], bend[2], least = INFINITY;
+    double rate[2], bend[2], minimum = INFINITY;
     int i, k, likely = 0;
     for (i = 0; i < 2; i++) {
-        rate[i] = (c->angles[0][i] - c->angles[2 * SWINGUP_SPAN][i]) / (time * SWINGUP_UNEVEN_STEP);
-        bend[i] = (c->angles[0][i] - 2.0 * c->angles[1][i] + c->angles[2][i]) / SWINGUP_UNEVEN_STEP;
+        rate[i] = (c->angles[0][i] - c->angles[2 * SWINGUP_SPAN][i]) / (time * SWINGUP_UNEVEN_ANGLE);
+        bend[i] = (c->angles[0][i] - 2.0 * c->angles[1][i] + c->angles[2][i]) / SWINGUP_UNEVEN_ANGLE;
     }
     for (k = 0; k < SWINGUP_AGES; k++) {
         const double longer = c->steps[k] - c->steps[k + 1];
         const double miss1 = bend[0] - rate[0] * longer, miss2 = bend[1] - rate[1] * longer;
         const double now = c->calls > 2 * SWINGUP_SPAN ? log1p(miss1 * miss1 + miss2 * miss2) : 0.0;
-        const double missed = SWINGUP_UNEVEN_FADING * c->missed[k] + now;
-        likely = missed < least ? k : likely;
-        least = missed < least ? missed : least;
-        c->missed[k] = missed;
+        const double evidence = SWINGUP_AGE_FADING * c->age_evidence[k] + now;
+        likely = evidence < minimum ? k : likely;
+        minimum = evidence < minimum ? evidence : minimum;
+        c->age_evidence[k] = evidence;
     }
-    return c->missed[c->age] - least > SWINGUP_AGE_CAUTION ? likely : c->age;
+    return c->age_evidence[c->age] - minimum > SWINGUP_AGE_MARGIN ? likely : c->age;
 }
 
 /* Learn from the angles of x, which are delay_steps old, a pause (s) after the call before. */
@@ -429,9 +427,8 @@ static inline void swingup_identify(swingup_identifier *c, const double x[4], in
 {
     static const swingup_filter empty = {{{{0.0}}}};
     const int angles = 2 * SWINGUP_SPAN + 1;
-    /* Not what is NaN either. */
-    const int near = fabs(x[0]) < SWINGUP_LARGEST_ANGLE && fabs(x[1]) < SWINGUP_LARGEST_ANGLE;
-    const int late = !(pause >= 0.0 && pause <= SWINGUP_LONGEST_STEP);
+    const int near = swingup_finite(x, 2) && fabs(x[0]) < SWINGUP_MAX_ANGLE && fabs(x[1]) < SWINGUP_MAX_ANGLE;
+    const int late = !(pause >= 0.0 && pause <= SWINGUP_MAX_STEP);
     double step = pause > 0.0 ? pause : SWINGUP_DT;
     swingup_identifier before;
     int i, k, age;

@@ -1,47 +1,49 @@
-"""Online identification of the plant's base parameters from measured angles and commanded torques, in Python.
+"""Online identification of the plant's base parameters: recursive least squares on rows of momentum.
 
 At each measurement, with the rows Y of ``plant.momentum`` for the last angles and the torques of that time:
 
 1. z ← (Y, u̇, -v, u) through three first-order low-passes of equal pole, all columns alike. Now
    Y (θ, κ) + u̇ λ - v γ = u holds for the low-passed columns: κ stands for the offsets of the angles, λ (s) is a lag
-   of the torque beside the delay that is known. v is the torque asked of the undriven joint's motor against its
-   friction, and γ the part of it that this motor delivers. u and u̇ are 0 in the undriven joint's row, v is in the
-   driven one's. Where loads are expected the
-   left side has c + k q of its joint as well, at the middle angle.
-2. For each joint's row φ, y, with the unknowns x = (θ, κ, λ, γ), their covariance P, and the variance r of what the
-   row leaves unexplained, with a floor f and a bound b:
+   of the torque beyond the known delay, v is the passive motor's command against its joint's friction, and γ the
+   share of it that this motor delivers. u and u̇ are 0 in the passive joint's row, v is 0 in the driven one's. Where
+   loads are expected, the left side also has c + k q of the row's joint, at the middle angle.
+2. For each joint's row φ, y, with the unknowns x = (θ, κ, λ, γ), their covariance P, and the variance r of the
+   residuals, with a floor f and a bound b:
 
        e = y - φᵀ x,   s = φᵀ P φ,   r' = max(r, f),   d² = e² / (s + r'),
        k = P φ / (s + n r' w),   w = max(1, (ν + d²)/(ν + 1)),   x ← x + k e,   P ← P - k (P φ)ᵀ,
        r ← r + a (min(d² r', b) - r),   a = 1 - exp(-h/T), T = rise if r grows, fall if not;
 
    h is the shortest step of the row's time, the loop's own period. n counts the neighbouring rows whose errors are
-   alike. w is the inverse of Student's weight, ν = 4. A row with d above the gate, and rows for a while after it,
-   change nothing but r: pushes.
-3. Noise of the angles, of variance σ², spoils φ, and least squares find too little inertia. In both low-passed
-   accelerations it has the variances s = c σ², which add D = s1 j1 j1ᵀ + s2 j2 j2ᵀ to φ φᵀ in the mean, with j the
-   derivatives of φ by these. That is taken back:
+   alike. w is the inverse of Student's weight. A row with d above the gate shows a push: this row and the rows for
+   a while after it change r alone.
+3. Noise of the angles, of variance σ², biases φ φᵀ, and least squares find too little inertia. In both low-passed
+   accelerations the noise has the variances s = c σ², which add D = s1 j1 j1ᵀ + s2 j2 j2ᵀ to φ φᵀ in the mean, with
+   j the derivatives of φ by the accelerations. The bias is taken back:
 
        x ← x + P D x / (n r' w).
 
    c grows with the period. σ² follows δ²/20, up to a bound, where the last three steps are even: the third
-   differences δ of an angle see its noise and little of its motion.
+   differences δ of an angle show its noise and little of its motion.
 4. P grows by a small drift. There is no forgetting: what is not excited stays as sure as it was.
 
 A robot's loop may hand over the angles of an earlier call: so many calls ago is their age. Where the times between
-calls are uneven, the motion from angle to angle tells whose times they are; where they are even, it does not
-matter. The torques of a row begin as many calls ago as the delay told, at least the age. If either changes, the lag
-changes by the opposite time, since their sum is what was found, and the low-passes start again.
+calls are uneven, the motion from angle to angle shows to which calls the angles belong; where they are even, it
+does not matter. The torques of a row begin as many calls ago as the delay, or the age if that is longer. If either
+changes, the lag changes by the opposite time, since their sum was identified, and the low-passes start again.
 
 Learning starts once the rows' angles and torques are known since the first call or the last pause. Numbers that are
-not finite after a call, and angles beyond 1e6 rad, change nothing. Other parts get θ0 + ς (θ - θ0) with the largest
-ς in [0, 1] for which the mass matrix is at least ``LEAST_MASS_SHARE`` times that of the nominal θ0.
+not finite after a call, and angles beyond 1e6 rad, change nothing. Other parts get θ0 + ς (θ - θ0) with the maximal
+ς in [0, 1] for which the mass matrix is at least ``MIN_MASS_SHARE`` times that of the nominal θ0.
 
-The motor's torque does not enter the undriven joint's row. That row alone gives its part of θ up to scale, and
-noise of the motor and pushes on the driven joint do not enter it; the driven joint's row adds the scale. Rates are
-not used at all: their noise costs nothing. Sources: filtered regression, Slotine and Li (Applied Nonlinear Control,
-9.2); compensated bias, Sagara and Wada (International Journal of Control 25, 1977); recursive least squares with a
-variance that adapts to innovations, Mehra (IEEE Transactions on Automatic Control 15, 1970).
+The driven motor delivers its command: the estimator counts that torque, and the policy sees the other friction. The
+passive joint's motor may be weak or dead: its torque belongs to the plant, and γ is identified.
+
+The driven motor's torque does not enter the passive joint's row. That row alone gives its part of θ up to scale,
+and noise of the motor and pushes on the driven joint do not enter it; the driven joint's row adds the scale.
+Measured rates are not used: their noise costs nothing. Sources: filtered regression, Slotine and Li (Applied
+Nonlinear Control, 9.2); compensated bias, Sagara and Wada (International Journal of Control 25, 1977); recursive
+least squares with a variance that adapts to innovations, Mehra (IEEE Transactions on Automatic Control 15, 1970).
 """
 
 import functools
@@ -70,69 +72,74 @@ from ..plant.plant import Plant
 from ..plant.units import TORQUE
 
 UNKNOWNS = BASE + 4
-"""The base parameters, and behind them what the constants below are the places of."""
+"""The base parameters, and behind them the unknowns whose indices follow."""
 TILT1, TILT2 = BASE, BASE + 1
 """κ1 = k o1 and κ2 = m2 r2 (o1 + o2) (kg m), for measured angles that are o1 and o2 (rad) too large."""
 LAG = BASE + 2
-"""The torque's lag (s) behind the delay that the identifier is told."""
+"""λ: the torque's lag (s) beyond the delay that the estimator found."""
 GAIN = BASE + 3
-"""Part of its command that the undriven joint's motor delivers."""
+"""γ: share of its command that the passive joint's motor delivers."""
 LOADS = UNKNOWNS + 4
-"""Behind them, where loads are expected: constant torques against both joints (N m) and springs (N m/rad)."""
+"""Unknowns where loads are expected: constant torques against both joints (N m) and springs (N m/rad) come last."""
 
 SPAN_TIME = 0.008
 """Time between the three angles of a row (s): rates resolve the encoder's step over it."""
 BANDWIDTH = 60.0
-"""Bandwidth of each pole of the low-pass on both sides of the equation (rad/s). Rows in the time that it takes have
-errors that are alike and count as one."""
+"""Bandwidth of each pole of the low-pass on both sides of the equation (rad/s). Rows within its rise time have
+similar errors and count as one."""
 POLES = 3
 """First-order low-passes in a row: second differences of an encoder's steps need three."""
 PASSIVE_DEVIATION, PASSIVE_FLOOR = 0.012, 0.005
-"""First and least standard deviation of what an undriven joint's low-passed row leaves unexplained (N m)."""
+"""Initial and minimum standard deviation of the passive joint's low-passed residual (N m)."""
 DRIVEN_DEVIATION, DRIVEN_FLOOR = 0.04, 0.01
 """The same for the driven joint, whose motor is noisy and is pushed."""
 RELATIVE_FLOOR = 0.002
 """Part of a floor that grows with the size of a row's terms: errors of the discretisation."""
-MOST_DEVIATION = 10.0
-"""Largest deviation that the residuals of a row raise its own to, in first ones."""
+MAX_DEVIATION = 10.0
+"""Maximum standard deviation of the residuals, as a multiple of the initial one."""
 RISE_TIME, FALL_TIME = 0.02, 0.1
 """Times in which the deviation follows larger residuals and smaller ones (s)."""
 GATE_SIGMAS = 3.0
-"""Residuals of more than this many of their standard deviations are pushes."""
-GATE_HOLD = 0.1
-"""Time after a push in which its row is not used (s)."""
-STUDENT = 4.0
-"""ν: degrees of freedom of the errors' distribution."""
+"""A residual of more than this many of its standard deviations is a push."""
+GATE_TIME = 0.1
+"""Time after a push in which the joint's row is not used (s)."""
+FREEDOM = 4.0
+"""ν: degrees of freedom of Student's distribution of the errors."""
 LAG_DEVIATION = 0.01
-"""Standard deviation of the torque's lag (s)."""
+"""Prior standard deviation of the torque's lag (s)."""
 OFFSET_DEVIATION = 0.03
-"""Standard deviation of the angles' offsets (rad)."""
+"""Prior standard deviation of the angles' offsets (rad)."""
 GAIN_DEVIATION = 0.5
-"""Standard deviation of the part of its command that the undriven joint's motor delivers; its mean is 1."""
+"""Prior standard deviation of the passive motor's delivered share; its mean is 1."""
 DRIFT = 0.01
 """Drift of the unknowns, in prior standard deviations after 1 s."""
-LEAST_MASS_SHARE = 0.2
+MIN_MASS_SHARE = 0.2
 """The identified mass matrix is at least this share of the nominal one, in every configuration."""
-MOST_OFFSET = 0.1
-"""Largest offset of an angle that is believed (rad)."""
-LARGEST_ANGLE = 1e6
-"""An angle beyond this is not a measurement (rad): its digits do not tell the turn."""
-UNEVEN_STEP = 1e-3
-"""Angle (rad) by which a call's motion may miss what the time since the last call explains."""
-UNEVEN_FADING = 0.9995
-"""Factor on what was missed, at each call."""
+MAX_OFFSET = 0.1
+"""Maximum offset of an angle that is believed (rad)."""
+MAX_ANGLE = 1e6
+"""An angle beyond this is not a measurement (rad): its digits do not resolve the turn."""
+UNEVEN_ANGLE = 1e-3
+"""Unit (rad) of the errors by which a call's motion contradicts an age of the angles."""
+AGE_FADING = 0.9995
+"""Factor on the evidence against each age, at each call."""
+AGE_MARGIN = 4.0
+"""Evidence by which another age must be more likely before it is believed."""
 NOISE_TIME = 0.05
 """Time in which the noise of the angles is followed (s)."""
-MOST_NOISE = 1e-3
-"""Largest standard deviation of an angle's noise (rad)."""
-EVEN_STEPS = 0.1
+MAX_NOISE = 1e-3
+"""Maximum standard deviation of an angle's noise (rad)."""
+EVEN_TOLERANCE = 0.1
 """Steps that differ by less, in periods, are even: the noise shows in them."""
-AGE_CAUTION = 4.0
-"""Evidence that it takes to believe that angles are a call old, or that they are not."""
-LONGEST_STEP = 4.0
+MAX_STEP = 4.0
 """A call that comes more than this many periods after the last one restarts estimator and identifier."""
-SHORTEST_STEP = 0.6
-"""A call that comes sooner, in periods, keeps the torques: rates would have nothing but the encoder's step."""
+MIN_STEP = 0.6
+"""A call that comes sooner, in periods, keeps the torques: rates would show nothing but the encoder's step."""
+MIN_GAIN = 0.6
+"""Lower bound on the delivered share that the passive motor's command is divided by."""
+
+Array = Any
+"""An array of NumPy or JAX; shapes are in the comments."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +148,7 @@ class IdentifierSettings(Settings):
 
     PART: ClassVar[str] = "identifier"
     passive_limit: Annotated[float, Range(0.0, 1e3), TORQUE] = 0.5
-    """Largest torque that compensates the undriven joint's friction and load (N m); 0 for none."""
+    """Maximum torque that compensates the passive joint's friction and load (N m); 0 for none."""
     load_deviation: Annotated[float, Range(0.0, 1e3), TORQUE] = 0.0
     """Standard deviation of a constant torque against each joint (N m)."""
     spring_deviation: Annotated[float, Range(0.0, 1e3), TORQUE] = 0.0
@@ -153,8 +160,8 @@ def row_span(period: float) -> int:
     return max(2, round(SPAN_TIME / period))
 
 
-def commands(period: float, max_delay_steps: int) -> int:
-    """Commands to remember. Angles may be a call old whatever the longest delay is."""
+def command_count(period: float, max_delay_steps: int) -> int:
+    """Commands to remember. Angles may be a call old whatever the maximum delay is."""
     return 2 * row_span(period) + max(max_delay_steps, 1)
 
 
@@ -194,60 +201,54 @@ def prior(plant: Plant, settings: IdentifierSettings | None = None) -> tuple[np.
 
 def offsets(tilt1: Any, tilt2: Any, theta: Any, clip: Callable[[Any, float, float], Any]) -> tuple[Any, Any]:
     """How much the measured angles are too large (rad), for tilts κ1 and κ2 (kg m) of any kind of number."""
-    # κ2 belongs to the angle of link 2 in space, which both offsets spoil.
-    both = clip(tilt2 / theta[2], -MOST_OFFSET, MOST_OFFSET)
-    first = clip(tilt1 / theta[3], -MOST_OFFSET, MOST_OFFSET)
+    # κ2 belongs to the angle of link 2 in space, to which both offsets add.
+    both = clip(tilt2 / theta[2], -MAX_OFFSET, MAX_OFFSET)
+    first = clip(tilt1 / theta[3], -MAX_OFFSET, MAX_OFFSET)
     return first, both - first
 
 
-LEAST_GAIN = 0.6
-"""The undriven joint's motor is asked for as much as if it delivered at least this share."""
-
-
-class Load(NamedTuple):
-    """Torques c + k q against both joints: of cables, of springs."""
+class JointLoads(NamedTuple):
+    """Torques c + k q against both joints, of cables or springs: c (N m), k (N m/rad)."""
 
     constant: Pair
-    """c (N m)."""
     spring: Pair
-    """k (N m/rad)."""
 
     def at(self, q1: Any, q2: Any) -> Pair:
         """The torques (N m) at angles (rad)."""
         return self.constant[0] + self.spring[0] * q1, self.constant[1] + self.spring[1] * q2
 
 
-class Model(NamedTuple):
-    """A plant to predict with, its friction if it has any, and the load on its joints if there is any."""
+class PredictionModel(NamedTuple):
+    """The plant that the estimator predicts with; None for no friction, or for no loads."""
 
     plant: Lumped
     friction: Friction | None
-    load: Load | None
+    loads: JointLoads | None
 
 
 class Compensation(NamedTuple):
-    """Parts of a :class:`Friction` or a :class:`Load`."""
+    """Parts of a :class:`Friction` or of :class:`JointLoads`."""
 
     commanded: Any
     """What the motors are commanded; never negative friction."""
     residual: Any
     """What remains; negative friction is not compensated."""
     predicted: Any
-    """What to predict with: all of the driven joint's, whose torque is counted, and what is left of the other's.
+    """What to predict with: all of the driven joint's, whose torque is counted, and what remains of the other's.
     Negative friction counts as zero: the implicit step near rest would be singular with it."""
 
 
-def compensation(found: Any, gain: Number, joint: int, passive_limit: float, maximum: Any) -> Compensation:
-    """Share out what is found. Arithmetic for any kind of number.
+def compensation(identified: Any, gain: Number, joint: int, passive_limit: float, maximum: Any) -> Compensation:
+    """Share out the identified friction or loads between the motors and the plant, in any kind of number.
 
-    The gain is the part of its command that the undriven joint's motor delivers, in units of what the driven one
+    The gain is the share of its command that the passive joint's motor delivers, in units of what the driven one
     does. Its compensation is at most ``passive_limit`` (N m), 0 for none.
     """
-    kind, delivered = type(found), maximum(gain, 0.0)
+    kind, delivered = type(identified), maximum(gain, 0.0)
     # A weak motor's command must not grow without bound: what it does not deliver stays in the plant.
-    factor = 1.0 / maximum(delivered, LEAST_GAIN) if passive_limit else 0.0
+    factor = 1.0 / maximum(delivered, MIN_GAIN) if passive_limit else 0.0
     parts = []
-    for values in found:
+    for values in identified:
         commanded, residual, predicted = [], [], []
         for index, value in enumerate(values):
             # The gain counts in units of the driven motor's, whose own is 1 therefore.
@@ -255,73 +256,67 @@ def compensation(found: Any, gain: Number, joint: int, passive_limit: float, max
             commanded.append(share * (maximum(value, 0.0) if kind is Friction else value))
             residual.append(value - part * commanded[index])
             # The estimator adds the driven motor's whole command, so that its model must hold the whole friction.
-            seen = value if index == joint else residual[index]
-            predicted.append(maximum(seen, 0.0) if kind is Friction else seen)
+            modelled = value if index == joint else residual[index]
+            predicted.append(maximum(modelled, 0.0) if kind is Friction else modelled)
         parts.append((tuple(commanded), tuple(residual), tuple(predicted)))
     return Compensation(*(kind(*pairs) for pairs in zip(*parts, strict=True)))
 
 
-Array = Any
-"""An array of NumPy or JAX; shapes are in the comments."""
+class IdentifierConstants(NamedTuple):
+    """Constants of the identifier, derived from plant and settings, in C.1's units."""
+
+    joint: int  # index of the driven joint
+    period: float  # nominal time between calls (s)
+    max_delay_steps: int  # maximum delay that the estimator may find (steps)
+    passive_limit: float  # maximum torque that compensates the passive joint's friction (N m); 0 for none
+    geometry: Geometry  # known lengths and gears of the plant
+    mean: Array  # prior mean (n,): θ of the nominal plant, no offsets, no lag, a gain of 1, no loads
+    covariance: Array  # prior covariance (n, n)
+    noise_gain: float  # variance of a low-passed row's accelerations over that of the angles' noise (1/s⁴)
 
 
-class Loop(NamedTuple):
-    """What an identifier knows of its loop."""
-
-    joint: int
-    """Index of the driven joint."""
-    period: float
-    """Nominal time between calls (s)."""
-    max_delay_steps: int
-    """Longest delay that the identifier is told (steps)."""
-    passive_limit: float
-    """Largest torque that compensates the undriven joint's friction (N m); 0 for none."""
-    geometry: Geometry
-    """What is known of the plant's lengths and gears."""
-    mean: Array
-    """θ of the nominal plant, no offsets, no lag, a gain of 1, and no loads where they are expected (n,)."""
-    covariance: Array
-    """Prior covariance (n, n)."""
-    noise_gain: float
-    """Variance of a low-passed row's accelerations over that of the angles' noise (1/s⁴)."""
-
-
-def make_loop(plant: Plant, joint: int, period: float, max_delay_steps: int, settings: IdentifierSettings) -> Loop:
-    """What an identifier knows of a plant's loop, whose period (s) and longest delay (steps) are an estimator's."""
-    passive_limit = settings.passive_limit
-    known = geometry_of(plant), *prior(plant, settings), noise_gain(period)
-    return Loop(joint, period, max_delay_steps, passive_limit, *known)
+def identifier_constants(
+    plant: Plant, joint: int, period: float, max_delay_steps: int, settings: IdentifierSettings
+) -> IdentifierConstants:
+    """Constants for a plant and its loop, whose period (s) and maximum delay (steps) are the estimator's."""
+    derived = geometry_of(plant), *prior(plant, settings), noise_gain(period)
+    return IdentifierConstants(joint, period, max_delay_steps, settings.passive_limit, *derived)
 
 
 class IdentifierState(NamedTuple):
     """What is remembered from call to call."""
 
-    angles: Array
-    """Measured angles (depth, 2) without jumps of full turns, newest first (rad)."""
-    torques: Array
-    """Commanded torques (past, 2), newest first (N m)."""
-    steps: Array
-    """Time for which each torque was held (past,) (s)."""
-    calls: Number
-    """Measurements since the last restart."""
-    delay_steps: Number
-    """The delay told last (steps), or ``age`` where that is more."""
-    missed: Array
-    """What the motion misses if angles have each age, from 0 on (ages,)."""
-    age: Number
-    """The angles' age (calls)."""
-    filtered: tuple[Array, ...]
-    """States of the low-passes: rows (2, n + 1) of both joints, a column for each unknown and last u."""
-    unknowns: Array
-    """θ, κ1 and κ2 (kg m), the lag (s), the gain of the undriven joint's motor, and loads (n,)."""
-    covariance: Array
-    """(n, n)"""
-    variance: Pair
-    """Variance of what each joint's row leaves unexplained (N² m²)."""
-    held: Pair
-    """Time for which each joint's row is still not used (s)."""
-    noise: Pair
-    """Variance of the noise of both angles (rad²)."""
+    angles: Array  # measured angles (depth, 2) without jumps of full turns, newest first (rad)
+    torques: Array  # commanded torques (past, 2), newest first (N m)
+    steps: Array  # time for which each torque was held (past,) (s)
+    calls: Number  # measurements since the last restart
+    delay_steps: Number  # the estimator's last delay (steps), or ``age`` where that is more
+    age_evidence: Array  # evidence (ages,) against each age of the angles, from 0 on
+    age: Number  # the angles' age (calls)
+    filtered: tuple[Array, ...]  # of the low-passes: rows (2, n + 1) of both joints, a column an unknown, then u
+    unknowns: Array  # θ, κ1 and κ2 (kg m), the lag (s), the passive motor's gain, and loads (n,)
+    covariance: Array  # (n, n)
+    variance: Pair  # of each joint's residuals (N² m²)
+    gate: Pair  # time for which each joint's row is still not used (s)
+    noise: Pair  # variance of the noise of both angles (rad²)
+
+
+class IdentifiedPlant(NamedTuple):
+    """What other parts need of the unknowns."""
+
+    theta: tuple[Number, ...]
+    """Base parameters of a pendulum: the identified ones, or as near to them as the mass matrix allows."""
+    model: PredictionModel
+    """The plant to predict with, whose mass matrix is positive definite. Friction is never negative; the passive
+    joint's, and its loads, are what the compensation leaves of them."""
+    commanded_friction: Friction
+    """Friction whose counterpart the motors are commanded."""
+    commanded_loads: JointLoads | None
+    """Loads that the motors are commanded to carry; None where no load is expected."""
+    residual_base: tuple[Number, ...]
+    """θ for policy and regulator: with the friction that the compensation leaves."""
+    offsets: Pair
+    """How much the measured angles are too large (rad)."""
 
 
 EYE = np.eye(LOADS)
@@ -330,241 +325,245 @@ THIRD_DIFFERENCE = 20.0
 """1² + 3² + 3² + 1²: its variance over that of the angles' noise."""
 
 
-class Found(NamedTuple):
-    """What other parts need of the unknowns."""
-
-    theta: tuple[Number, ...]
-    """Base parameters of a pendulum: those found, or as near to them as the mass matrix allows."""
-    model: Model
-    """The plant to predict with, whose mass matrix is positive definite. Friction is never negative; the undriven
-    joint's, and its load, are what the compensation leaves of them."""
-    commanded_friction: Friction
-    """Friction whose counterpart the motors are commanded."""
-    commanded_load: Load | None
-    """Load that the motors are commanded to carry; None where no load is expected."""
-    residual_base: tuple[Number, ...]
-    """θ for policy and regulator: with the friction that the compensation leaves."""
-    offsets: Pair
-    """How much the measured angles are too large (rad)."""
-
-
-def begin(maths: ArrayOps, loop: Loop) -> IdentifierState:
-    """Nothing seen yet."""
-    xp, past = maths.xp, commands(loop.period, loop.max_delay_steps)
+def begin(ops: ArrayOps, constants: IdentifierConstants) -> IdentifierState:
+    """The state before the first call: the prior."""
+    xp, past = ops.xp, command_count(constants.period, constants.max_delay_steps)
     zero = xp.zeros(())
-    first, second = (zero + _deviation(loop, joint) ** 2 for joint in (0, 1))
+    first, second = (zero + _initial_deviation(constants, joint) ** 2 for joint in (0, 1))
     return IdentifierState(
-        angles=xp.zeros((2 * row_span(loop.period) + 1, 2)),
+        angles=xp.zeros((2 * row_span(constants.period) + 1, 2)),
         torques=xp.zeros((past, 2)),
-        steps=xp.full(past, loop.period),
+        steps=xp.full(past, constants.period),
         calls=xp.array(0),
         delay_steps=xp.array(0),
-        missed=xp.zeros(max(loop.max_delay_steps, 1) + 1),
+        age_evidence=xp.zeros(max(constants.max_delay_steps, 1) + 1),
         age=xp.array(0),
-        filtered=(xp.zeros((2, len(loop.mean) + 1)),) * POLES,
-        unknowns=xp.array(loop.mean),
-        covariance=xp.array(loop.covariance),
+        filtered=(xp.zeros((2, len(constants.mean) + 1)),) * POLES,
+        unknowns=xp.array(constants.mean),
+        covariance=xp.array(constants.covariance),
         variance=(first, second),
-        held=(zero, zero),
+        gate=(zero, zero),
         noise=(zero, zero),
     )
 
 
-def restart(maths: ArrayOps, loop: Loop, state: IdentifierState) -> IdentifierState:
-    """After a pause: what was found stays, the motion before is forgotten."""
-    xp = maths.xp
+def restart(ops: ArrayOps, constants: IdentifierConstants, state: IdentifierState) -> IdentifierState:
+    """After a pause: the unknowns stay, the motion before is forgotten."""
+    xp = ops.xp
     return state._replace(
         torques=xp.zeros_like(state.torques),
-        steps=xp.full_like(state.steps, loop.period),
+        steps=xp.full_like(state.steps, constants.period),
         calls=0 * state.calls,
         filtered=(xp.zeros_like(state.filtered[0]),) * POLES,
     )
 
 
-def remember(maths: ArrayOps, state: IdentifierState, u: Array) -> IdentifierState:
-    """Note the torques (2,) that both motors were asked for, the driven one within its limit (N m)."""
-    return state._replace(torques=maths.xp.concatenate([u[None], state.torques[:-1]]))
+def remember(ops: ArrayOps, state: IdentifierState, u: Array) -> IdentifierState:
+    """Note the torques (2,) that both motors were commanded, the driven one within its limit (N m)."""
+    return state._replace(torques=ops.xp.concatenate([u[None], state.torques[:-1]]))
 
 
-def interval(maths: ArrayOps, state: IdentifierState, step: Number) -> Number:
-    """Time from when the last measured angles are observed to these, ``step`` after the last call (s)."""
-    return maths.choose(state.age > 0, lambda: maths.number(state.steps[state.age - 1]), step)
+def interval(ops: ArrayOps, state: IdentifierState, step: Number) -> Number:
+    """Time between the last measured angles and those of this call, ``step`` after the last one (s)."""
+    return ops.choose(state.age > 0, lambda: ops.number(state.steps[state.age - 1]), step)
 
 
-def elapsed(maths: ArrayOps, state: IdentifierState, step: Number) -> Number:
-    """Time since the angles of this call, not yet observed, were those of the plant (s)."""
-    before = (maths.xp.arange(len(state.steps)) < state.age - 1) @ state.steps
-    return maths.where(state.age > 0, step, 0.0) + maths.number(before)
+def elapsed(ops: ArrayOps, state: IdentifierState, step: Number) -> Number:
+    """Time since the angles of this call, not yet observed, were the plant's (s)."""
+    before = (ops.xp.arange(len(state.steps)) < state.age - 1) @ state.steps
+    return ops.where(state.age > 0, step, 0.0) + ops.number(before)
 
 
 def observe(
-    maths: ArrayOps, loop: Loop, state: IdentifierState, q: Array, delay_steps: Number, step: Number
+    ops: ArrayOps,
+    constants: IdentifierConstants,
+    state: IdentifierState,
+    q: Array,
+    delay_steps: Number,
+    step: Number,
 ) -> IdentifierState:
-    """Learn from measured angles.
+    """One call: remember the angles, then learn from the rows that they complete.
 
-    Angles q (2,) (rad) count without whole turns. They are so many steps old. The step since the last call (s)
+    Angles q (2,) (rad) count without whole turns. They are ``delay_steps`` old. The step since the last call (s)
     means nothing after a restart.
     """
-    xp, dt, before, first = maths.xp, loop.period, state, state.calls == 0
-    newest = state.angles[0] + maths.nearest(q - state.angles[0])
+    recorded = _record(ops, constants, state, q, delay_steps, step)
+    learned = _learn(ops, constants, recorded)
+    # The torques before a restart are not known.
+    complete = recorded.calls >= len(recorded.angles) + recorded.delay_steps
+    finite = ops.finite(learned.unknowns) & ops.finite(learned.covariance)
+    after = ops.choose(complete & finite, lambda: learned, recorded)
+    # A huge angle would stay in the differences; NaN fails the comparison.
+    q1, q2 = ops.numbers(abs(q))
+    near = (q1 < MAX_ANGLE) & (q2 < MAX_ANGLE)
+    return ops.choose(ops.xp.logical_not(near), lambda: restart(ops, constants, state), after)
+
+
+def identified_plant(ops: ArrayOps, constants: IdentifierConstants, state: IdentifierState) -> IdentifiedPlant:
+    """What other parts need of the unknowns."""
+    x = ops.numbers(state.unknowns)
+    nominal = ops.numbers(ops.xp.asarray(constants.mean[:BASE], state.unknowns.dtype))
+    share = feasible_fraction(x, nominal, constants.geometry, MIN_MASS_SHARE, ops.minimum, ops.root)
+    theta = tuple(n + share * (one - n) for one, n in zip(x[:BASE], nominal, strict=True))
+    motors = x[GAIN], constants.joint, constants.passive_limit, ops.maximum
+    commanded, residual, predicted = compensation(friction_of(theta), *motors)
+    commanded_loads = loads = None
+    if len(x) > UNKNOWNS:
+        identified = JointLoads(x[UNKNOWNS : UNKNOWNS + 2], x[UNKNOWNS + 2 :])
+        commanded_loads, _, loads = compensation(identified, *motors)
+    return IdentifiedPlant(
+        theta=theta,
+        model=PredictionModel(lumped(theta, constants.geometry), predicted, loads),
+        commanded_friction=commanded,
+        commanded_loads=commanded_loads,
+        residual_base=(*theta[:4], *residual.damping, *residual.coulomb, theta[8]),
+        offsets=offsets(x[TILT1], x[TILT2], theta, ops.clip),
+    )
+
+
+def _initial_deviation(constants: IdentifierConstants, joint: int) -> float:
+    """Initial standard deviation of a joint's residuals (N m)."""
+    return DRIVEN_DEVIATION if joint == constants.joint else PASSIVE_DEVIATION
+
+
+def _record(
+    ops: ArrayOps,
+    constants: IdentifierConstants,
+    state: IdentifierState,
+    q: Array,
+    delay_steps: Number,
+    step: Number,
+) -> IdentifierState:
+    """Remember the angles and the step, and follow delay and age."""
+    xp, period, first = ops.xp, constants.period, state.calls == 0
+    newest = state.angles[0] + ops.nearest(q - state.angles[0])
     angles = xp.concatenate([newest[None], state.angles[:-1]])
     # The time before the first call means nothing, and a step of 0 would make infinite rates.
-    step = maths.where(first, dt, maths.maximum(step, SHORTEST_STEP * dt))
-    steps = xp.concatenate([maths.vector([step]), state.steps[:-1]])
-    missed, age = _age(maths, state, angles, steps)
-    delay_steps = maths.maximum(delay_steps, age)
+    step = ops.where(first, period, ops.maximum(step, MIN_STEP * period))
+    steps = xp.concatenate([ops.vector([step]), state.steps[:-1]])
+    evidence, age = _follow_age(ops, state, angles, steps)
+    delay_steps = ops.maximum(delay_steps, age)
 
     def shifted() -> tuple[Array, tuple[Array, ...]]:
-        # The lag counts from the delay: their sum is what was found. The old columns belong to the old delay.
+        # The lag counts from the delay: their sum was identified. The old columns belong to the old delay.
         k = xp.arange(len(steps))
-        earlier, later = (k < state.delay_steps).astype(steps.dtype), (k < delay_steps).astype(steps.dtype)
-        unknowns = state.unknowns + (xp.arange(len(loop.mean)) == LAG) * ((earlier - later) @ steps)
+        before, now = (k < state.delay_steps).astype(steps.dtype), (k < delay_steps).astype(steps.dtype)
+        unknowns = state.unknowns + (xp.arange(len(constants.mean)) == LAG) * ((before - now) @ steps)
         return unknowns, (xp.zeros_like(state.filtered[0]),) * POLES
 
     changed = (delay_steps != state.delay_steps) | (age != state.age)
-    unknowns, filtered = maths.choose(changed, shifted, (state.unknowns, state.filtered))
-    calls = state.calls + 1
-    state = state._replace(
-        angles=maths.choose(first, lambda: xp.broadcast_to(q, angles.shape), angles),
+    unknowns, filtered = ops.choose(changed, shifted, (state.unknowns, state.filtered))
+    return state._replace(
+        angles=ops.choose(first, lambda: xp.broadcast_to(q, angles.shape), angles),
         steps=steps,
-        # Bounded, since a run may last for days, and more is not asked for.
-        calls=maths.minimum(calls, len(angles) + len(state.torques)),
+        # Bounded, since a run may last for days: learning begins at fewer calls.
+        calls=ops.minimum(state.calls + 1, len(angles) + len(state.torques)),
         delay_steps=delay_steps,
-        missed=missed,
+        age_evidence=evidence,
         age=age,
         unknowns=unknowns,
         filtered=filtered,
     )
-    learned = _learn(maths, loop, state)
-    # The torques before a restart are not known.
-    full = calls >= len(angles) + delay_steps
-    finite = maths.finite(learned.unknowns) & maths.finite(learned.covariance)
-    state = maths.choose(full & finite, lambda: learned, state)
-    # A huge angle would stay in the differences; NaN fails the comparison.
-    far1, far2 = maths.numbers(abs(q))
-    near = (far1 < LARGEST_ANGLE) & (far2 < LARGEST_ANGLE)
-    return maths.choose(xp.logical_not(near), lambda: restart(maths, loop, before), state)
 
 
-def found(maths: ArrayOps, loop: Loop, state: IdentifierState) -> Found:
-    """What other parts need of the unknowns."""
-    x = maths.numbers(state.unknowns)
-    nominal = maths.numbers(maths.xp.asarray(loop.mean[:BASE], state.unknowns.dtype))
-    share = feasible_fraction(x, nominal, loop.geometry, LEAST_MASS_SHARE, maths.minimum, maths.root)
-    theta = tuple(n + share * (one - n) for one, n in zip(x[:BASE], nominal, strict=True))
-    known = x[GAIN], loop.joint, loop.passive_limit, maths.maximum
-    commanded, residual, predicted = compensation(friction_of(theta), *known)
-    commanded_load = load = None
-    if len(x) > UNKNOWNS:
-        commanded_load, _, load = compensation(Load(x[UNKNOWNS : UNKNOWNS + 2], x[UNKNOWNS + 2 :]), *known)
-    return Found(
-        theta=theta,
-        model=Model(lumped(theta, loop.geometry), predicted, load),
-        commanded_friction=commanded,
-        commanded_load=commanded_load,
-        residual_base=(*theta[:4], *residual.damping, *residual.coulomb, theta[8]),
-        offsets=offsets(x[TILT1], x[TILT2], theta, maths.clip),
-    )
-
-
-def _deviation(loop: Loop, joint: int) -> float:
-    """The first one of what a joint's row leaves unexplained (N m)."""
-    return DRIVEN_DEVIATION if joint == loop.joint else PASSIVE_DEVIATION
-
-
-def _age(maths: ArrayOps, state: IdentifierState, angles: Array, steps: Array) -> tuple[Array, Number]:
-    """Weigh the ages of the angles: a longer step shows as a longer way in the same call, or in a later one."""
-    xp, whole, ages = maths.xp, len(state.angles) - 1, len(state.missed)
-    rate1, rate2 = maths.numbers((angles[0] - angles[whole]) / steps[:whole].sum())
-    bend1, bend2 = maths.numbers(angles[0] - 2 * angles[1] + angles[2])
-    # A constant rate bends the path by what one step is longer than the one before.
+def _follow_age(ops: ArrayOps, state: IdentifierState, angles: Array, steps: Array) -> tuple[Array, Number]:
+    """Evidence against each age, and the age: a longer step shows as a longer way at once, or calls later."""
+    xp, whole, ages = ops.xp, len(state.angles) - 1, len(state.age_evidence)
+    rate1, rate2 = ops.numbers((angles[0] - angles[whole]) / steps[:whole].sum())
+    bend1, bend2 = ops.numbers(angles[0] - 2 * angles[1] + angles[2])
+    # At a constant rate the second difference of the angles is the rate times that of the steps' ends.
     longer = steps[:ages] - steps[1 : ages + 1]
-    now = xp.log1p(((bend1 - rate1 * longer) ** 2 + (bend2 - rate2 * longer) ** 2) / UNEVEN_STEP**2)
-    missed = UNEVEN_FADING * state.missed + maths.where(state.calls > whole, now, 0.0)
-    likely = xp.argmin(missed).astype(state.age.dtype)
+    error = xp.log1p(((bend1 - rate1 * longer) ** 2 + (bend2 - rate2 * longer) ** 2) / UNEVEN_ANGLE**2)
+    evidence = AGE_FADING * state.age_evidence + ops.where(state.calls > whole, error, 0.0)
+    likely = xp.argmin(evidence).astype(state.age.dtype)
     # Not at once: each change of the age empties the low-passes.
-    surer = missed[state.age] - missed[likely] > AGE_CAUTION
-    return missed, maths.where(surer, likely, state.age)
+    surer = evidence[state.age] - evidence[likely] > AGE_MARGIN
+    return evidence, ops.where(surer, likely, state.age)
 
 
-def _learn(maths: ArrayOps, loop: Loop, state: IdentifierState) -> IdentifierState:
-    """The low-passes, both rows, and the drift."""
-    steps = maths.window(state.steps, state.age, len(state.angles) - 1)
+def _learn(ops: ArrayOps, constants: IdentifierConstants, state: IdentifierState) -> IdentifierState:
+    """Low-pass the newest rows, update the unknowns by each joint's, and let them drift: steps 1 to 4."""
+    steps = ops.window(state.steps, state.age, len(state.angles) - 1)
     # The loop's own period: a call that comes late now and then must not change the low-passes or the rows.
-    step = maths.number(steps.min())
-    stages, weight = [_rows(maths, loop, state, steps, step)], -maths.expm1(-BANDWIDTH * step)
+    step = ops.number(steps.min())
+    stages, weight = [_rows(ops, constants, state, steps, step)], -ops.expm1(-BANDWIDTH * step)
     for stage in state.filtered:
         stages.append(stage + weight * (stages[-1] - stage))
-    state = state._replace(filtered=tuple(stages[1:]), noise=_noise(maths, loop, state, step))
+    state = state._replace(filtered=tuple(stages[1:]), noise=_noise(ops, constants, state, step))
     for joint in (0, 1):
-        state = _update(maths, loop, joint, stages[-1][joint], state, step)
+        state = _update(ops, constants, joint, stages[-1][joint], state, step)
     covariance = state.covariance
-    prior_variance = maths.xp.asarray(loop.covariance, covariance.dtype).diagonal()
-    # Friction changes and offsets shift: without a drift old motion would outweigh all that comes. No less sure
-    # than at the start: the drift must not exceed the prior.
+    prior_variance = ops.xp.asarray(constants.covariance, covariance.dtype).diagonal()
+    # Friction changes and offsets shift: without a drift the old motion would outweigh the new one for ever. The
+    # drift stops at the prior, which covers every plant that is expected.
     drift = DRIFT**2 * step * prior_variance * (covariance.diagonal() < prior_variance)
-    diagonal = maths.xp.asarray(EYE[: len(covariance), : len(covariance)], covariance.dtype) * drift
+    diagonal = ops.xp.asarray(EYE[: len(covariance), : len(covariance)], covariance.dtype) * drift
     return state._replace(covariance=covariance + diagonal)
 
 
-def _noise(maths: ArrayOps, loop: Loop, state: IdentifierState, step: Number) -> Pair:
-    """Variance of both angles' noise (rad²)."""
-    newest, second, third, last = (maths.numbers(state.angles[place]) for place in range(4))
-    steps = maths.window(state.steps, state.age, 3)
+def _noise(ops: ArrayOps, constants: IdentifierConstants, state: IdentifierState, step: Number) -> Pair:
+    """Variance of both angles' noise (rad²), from third differences."""
+    newest, second, third, last = (ops.numbers(state.angles[place]) for place in range(4))
+    steps = ops.window(state.steps, state.age, 3)
     # An uneven step shows in the differences like noise.
-    even = steps.max() - steps.min() < EVEN_STEPS * loop.period
-    follow = maths.where(even, -maths.expm1(-step / NOISE_TIME), 0.0)
-    found = []
+    even = steps.max() - steps.min() < EVEN_TOLERANCE * constants.period
+    follow = ops.where(even, -ops.expm1(-step / NOISE_TIME), 0.0)
+    variances = []
     for variance, a, b, c, d in zip(state.noise, newest, second, third, last, strict=True):
         difference = a - d - 3.0 * (b - c)
-        seen = maths.minimum(difference * difference / THIRD_DIFFERENCE, MOST_NOISE**2)
-        found.append(variance + follow * (seen - variance))
-    return found[0], found[1]
+        estimate = ops.minimum(difference * difference / THIRD_DIFFERENCE, MAX_NOISE**2)
+        variances.append(variance + follow * (estimate - variance))
+    return variances[0], variances[1]
 
 
-def _spoilt(maths: ArrayOps, loop: Loop, joint: int, state: IdentifierState, step: Number) -> Array:
-    """D x (n,): what the noise of the angles takes from a joint's row in the mean."""
-    x = maths.numbers(state.unknowns)
-    _, cos2 = maths.sine_cosine(maths.number(state.angles[0, 1]))
-    m11, m12, m22 = mass_entries(lumped(x, loop.geometry), cos2)
+def _noise_bias(
+    ops: ArrayOps, constants: IdentifierConstants, joint: int, state: IdentifierState, step: Number
+) -> Array:
+    """D x (n,): the bias of a joint's normal equations by the noise of the angles."""
+    x = ops.numbers(state.unknowns)
+    _, cos2 = ops.sine_cosine(ops.number(state.angles[0, 1]))
+    m11, m12, m22 = mass_entries(lumped(x, constants.geometry), cos2)
     # What the low-passes leave of white noise grows with the step.
-    s1, s2 = (loop.noise_gain * step / loop.period * each for each in state.noise)
+    s1, s2 = (constants.noise_gain * step / constants.period * each for each in state.noise)
     acceleration = (s1 * m11, s2 * m12) if joint == 0 else (s1 * m12, s2 * m22)
-    row = inertial_row(joint, acceleration, cos2, loop.geometry)
-    return maths.vector([*row, *[0.0 * s1] * (len(x) - BASE)])
+    row = inertial_row(joint, acceleration, cos2, constants.geometry)
+    return ops.vector([*row, *[0.0 * s1] * (len(x) - BASE)])
 
 
-def _rows(maths: ArrayOps, loop: Loop, state: IdentifierState, steps: Array, step: Number) -> Array:
+def _rows(
+    ops: ArrayOps, constants: IdentifierConstants, state: IdentifierState, steps: Array, step: Number
+) -> Array:
     """The newest rows (2, n + 1) before the low-passes: a column for each of n unknowns, and u.
 
-    They are of the last steps (s); ``step`` is the loop's period (s).
+    They cover the last steps (s); ``step`` is the loop's period (s).
     """
-    joint, most = loop.joint, row_span(loop.period)
-    ages = maths.xp.concatenate([maths.xp.zeros(1, steps.dtype), maths.xp.cumsum(steps)])
+    joint, max_span = constants.joint, row_span(constants.period)
+    ages = ops.xp.concatenate([ops.xp.zeros(1, steps.dtype), ops.xp.cumsum(steps)])
     # A slower loop than the nominal one fills the time of a row with fewer steps.
-    span = maths.place(maths.clip(most * loop.period / step, 1, most))
-    oldest, middle, newest = (maths.numbers(state.angles[place]) for place in (2 * span, span, 0))
-    # The torques of a row begin as old as its angles or older: what acted then was asked for before.
-    acting = maths.window(state.torques, state.delay_steps, 2 * most)
-    peak, whole = (maths.number(ages[place]) for place in (span, 2 * span))
+    span = ops.place(ops.clip(max_span * constants.period / step, 1, max_span))
+    oldest, middle, newest = (ops.numbers(state.angles[place]) for place in (2 * span, span, 0))
+    # The torques of a row begin as old as its angles or older: what acted then was commanded before.
+    acting = ops.window(state.torques, state.delay_steps, 2 * max_span)
+    peak, whole = (ops.number(ages[place]) for place in (span, 2 * span))
     # ρ of the nominal plant (``plant/momentum.py``): with the unknowns' own the rows would not be linear.
-    ratio = maths.xp.asarray(loop.mean[2] / loop.mean[3], steps.dtype)[()]
-    shoulder, elbow = momentum_rows(oldest, middle, newest, (whole - peak, peak), loop.geometry, ratio, maths)
-    mean, slope = hat_weights(maths.xp, steps, ages, peak, whole)
-    torques, rates = maths.numbers(mean.dot(acting)), maths.numbers(slope.dot(acting))
+    ratio = ops.xp.asarray(constants.mean[2] / constants.mean[3], steps.dtype)[()]
+    times = whole - peak, peak
+    shoulder, elbow = momentum_rows(oldest, middle, newest, times, constants.geometry, ratio, ops)
+    mean, slope = hat_weights(ops.xp, steps, ages, peak, whole)
+    torques, rates = ops.numbers(mean.dot(acting)), ops.numbers(slope.dot(acting))
     # A zero of this kind of number, since JAX stacks the rows.
-    none = 0.0 * torques[joint]
-    of_one = functools.partial(_with, (none, none))
-    # What both joints' rows have of each unknown, in the unknowns' order; last the right side.
+    zero = 0.0 * torques[joint]
+    only = functools.partial(_replaced, (zero, zero))
+    # Each unknown's coefficients in both joints' rows, in the unknowns' order; last the right side.
     table = [
         *zip(shoulder, elbow, strict=True),
-        of_one(joint, rates[joint]),
-        of_one(1 - joint, -torques[1 - joint]),
+        only(joint, rates[joint]),
+        only(1 - joint, -torques[1 - joint]),
     ]
-    if len(loop.mean) > UNKNOWNS:
-        table += [of_one(0, none + 1.0), of_one(1, none + 1.0), of_one(0, middle[0]), of_one(1, middle[1])]
-    first, second = zip(*table, of_one(joint, torques[joint]), strict=True)
-    return maths.vector([*first, *second]).reshape(2, len(loop.mean) + 1)
+    if len(constants.mean) > UNKNOWNS:
+        table += [only(0, zero + 1.0), only(1, zero + 1.0), only(0, middle[0]), only(1, middle[1])]
+    first, second = zip(*table, only(joint, torques[joint]), strict=True)
+    return ops.vector([*first, *second]).reshape(2, len(constants.mean) + 1)
 
 
 def hat_weights(xp: Any, steps: Array, ages: Array, newer: Number, whole: Number) -> tuple[Array, Array]:
@@ -579,39 +578,40 @@ def hat_weights(xp: Any, steps: Array, ages: Array, newer: Number, whole: Number
 
 
 def _update(
-    maths: ArrayOps, loop: Loop, joint: int, columns: Array, state: IdentifierState, step: Number
+    ops: ArrayOps, constants: IdentifierConstants, joint: int, columns: Array, state: IdentifierState, step: Number
 ) -> IdentifierState:
-    """What a joint's row tells of the unknowns, and its noise: the errors' variance, and how long it is held."""
-    driven, unknowns, covariance = joint == loop.joint, state.unknowns, state.covariance
-    variance, held = state.variance[joint], state.held[joint]
-    row, target, number = columns[:-1], maths.number(columns[-1]), maths.number
+    """One recursive least-squares step by a joint's low-passed row, robust to pushes: steps 2 and 3."""
+    driven, unknowns, covariance = joint == constants.joint, state.unknowns, state.covariance
+    variance, gate = state.variance[joint], state.gate[joint]
+    row, target, number = columns[:-1], ops.number(columns[-1]), ops.number
     # The method: for so few numbers the operator @ takes twice as long in NumPy.
     uncertain = covariance.dot(row)
     predictive_variance, error = number(row.dot(uncertain)), target - number(row.dot(unknowns))
-    rough = RELATIVE_FLOOR * (abs(target) + number(abs(row[:4]).dot(abs(unknowns[:4]))))
+    relative = RELATIVE_FLOOR * (abs(target) + number(abs(row[:4]).dot(abs(unknowns[:4]))))
     # A product, since a power of Python's floats raises OverflowError.
-    floor = (DRIVEN_FLOOR if driven else PASSIVE_FLOOR) ** 2 + rough * rough
-    r = maths.maximum(variance, floor)
+    floor = (DRIVEN_FLOOR if driven else PASSIVE_FLOOR) ** 2 + relative * relative
+    r = ops.maximum(variance, floor)
     distance = error * error / (predictive_variance + r)
-    held = maths.where(distance > GATE_SIGMAS**2, GATE_HOLD, held - step)
-    student = maths.maximum(1.0, (STUDENT + distance) / (STUDENT + 1.0))
-    heavy = r * maths.maximum(1.0, POLES / BANDWIDTH / step) * student
-    # A row that is held is infinitely heavy.
-    heavy = maths.where(held > 0, math.inf, heavy)
-    gain = uncertain / (predictive_variance + heavy)
+    gate = ops.where(distance > GATE_SIGMAS**2, GATE_TIME, gate - step)
+    student = ops.maximum(1.0, (FREEDOM + distance) / (FREEDOM + 1.0))
+    row_variance = r * ops.maximum(1.0, POLES / BANDWIDTH / step) * student
+    # Behind the gate the row says nothing: its variance is infinite.
+    row_variance = ops.where(gate > 0, math.inf, row_variance)
+    gain = uncertain / (predictive_variance + row_variance)
     covariance = covariance - gain[:, None] * uncertain
-    unknowns = unknowns + gain * error + covariance.dot(_spoilt(maths, loop, joint, state, step)) / heavy
-    # A spoilt angle must not blind the identifier for seconds.
-    seen = maths.minimum(distance * r, (MOST_DEVIATION * _deviation(loop, joint)) ** 2)
-    follow = -maths.expm1(-step / maths.where(seen > variance, RISE_TIME, FALL_TIME))
+    bias = covariance.dot(_noise_bias(ops, constants, joint, state, step)) / row_variance
+    unknowns = unknowns + gain * error + bias
+    # Bounded: one wrong angle must not blind the identifier for seconds.
+    square = ops.minimum(distance * r, (MAX_DEVIATION * _initial_deviation(constants, joint)) ** 2)
+    follow = -ops.expm1(-step / ops.where(square > variance, RISE_TIME, FALL_TIME))
     return state._replace(
         unknowns=unknowns,
         covariance=covariance,
-        variance=_with(state.variance, joint, variance + follow * (seen - variance)),
-        held=_with(state.held, joint, maths.maximum(held, 0.0)),
+        variance=_replaced(state.variance, joint, variance + follow * (square - variance)),
+        gate=_replaced(state.gate, joint, ops.maximum(gate, 0.0)),
     )
 
 
-def _with(pair: Pair, joint: int, number: Number) -> Pair:
+def _replaced(pair: Pair, joint: int, number: Number) -> Pair:
     """A pair with another number of one joint."""
     return (number, pair[1]) if joint == 0 else (pair[0], number)

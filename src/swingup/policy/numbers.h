@@ -11,7 +11,7 @@
 #error "compile without -ffast-math and -ffinite-math-only: NaN would pass all checks, with full torque"
 #endif
 #if SWINGUP_HAS_IDENTIFIER && !SWINGUP_HAS_ESTIMATOR
-#error "an identifier needs an estimator: it is told the delay"
+#error "an identifier needs an estimator: it needs the delay"
 #endif
 
 #define SWINGUP_PI 3.14159265358979323846
@@ -30,12 +30,13 @@ static inline double swingup_clip(double value, double limit)
     return value > limit ? limit : value < -limit ? -limit : value;
 }
 
-static inline double swingup_more(double value, double other)
+static inline double swingup_max(double value, double other)
 {
     return value > other ? value : other;
 }
 
-/* Whether the first numbers of an array are finite: by their bits, since a compiler may take isfinite for true. */
+/* Whether the first numbers of an array are finite: by their bits, since a compiler may take isfinite for
+ * true, and comparisons with NaN for any. */
 static inline int swingup_finite(const double *values, int count)
 {
     union {
@@ -48,6 +49,28 @@ static inline int swingup_finite(const double *values, int count)
         finite = finite && (each.bits >> 52 & 0x7ff) != 0x7ff;
     }
     return finite;
+}
+
+/* Whether a number is NaN, by its bits. */
+static inline int swingup_is_nan(const double *value)
+{
+    union {
+        double number;
+        uint64_t bits;
+    } each;
+    each.number = *value;
+    return each.bits << 1 > UINT64_C(0xffe0000000000000);
+}
+
+/* Write NaN by its bits. */
+static inline void swingup_set_nan(double *value)
+{
+    union {
+        uint64_t bits;
+        double number;
+    } nan;
+    nan.bits = UINT64_C(0x7ff8000000000000);
+    *value = nan.number;
 }
 
 /* Copy numbers. */

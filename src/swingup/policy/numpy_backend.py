@@ -13,9 +13,9 @@ from ..plant.plant import Plant, Robot
 from ..plant.units import TORQUE, arm_scales
 from . import estimator, identifier, regulator
 from .contract import LoopController
-from .estimator import default_estimator
+from .estimator import EstimatorConstants, default_estimator, estimator_constants
 from .guard import GuardChoice, choose_guard
-from .identifier import SHORTEST_STEP, Found
+from .identifier import MIN_STEP, IdentifiedPlant
 from .network import Activation, Bounds
 from .pendulum import PendulumPolicy
 from .regulator import RICCATI_STEPS, Held, Loop, Q, R, RegulatorSettings
@@ -139,8 +139,8 @@ def command(P: np.ndarray, step: np.ndarray, e: tuple[float, ...]) -> float:
 class NumpyPolicy:
     """The torques of a policy, with an estimator and a regulator where its file has one."""
 
-    found: Found | None = None
-    """What the identifier has found of the plant; None without one."""
+    identified_plant: IdentifiedPlant | None = None
+    """What the identifier knows of the plant; None without one."""
 
     def __init__(self, policy: PendulumPolicy, estimated: bool | None = None) -> None:
         """Take a policy behind an estimator where its file has one (None), never (False) or always (True)."""
@@ -149,12 +149,12 @@ class NumpyPolicy:
         # All but the network computes in C.1's units; kept, since finding them takes as long as a small network.
         self._state_units, self._base_units = np.array(scales.state), np.array(scales.base)
         self._torque_unit = scales.of(TORQUE)
-        self.loop: estimator.Loop | None = None
-        self.shortest_pause = 0.0
+        self.constants: EstimatorConstants | None = None
+        self.min_pause = 0.0
         if policy.estimator is not None if estimated is None else estimated:
             settings = policy.estimator or default_estimator(policy.plant)
-            self.loop = estimator.make_loop(settings, policy.plant, joint, policy.identifier)
-            self.shortest_pause = SHORTEST_STEP * settings.dt
+            self.constants = estimator_constants(settings, policy.plant, joint, policy.identifier)
+            self.min_pause = MIN_STEP * settings.dt
         self._regulator: regulator.Loop | None = None
         if policy.regulator is not None:
             self._regulator = regulator_loop(policy.regulator, policy.plant, joint, policy.torque_limit)
@@ -163,39 +163,43 @@ class NumpyPolicy:
 
     def reset(self) -> None:
         """Forget the run so far."""
-        if self.loop is not None:
+        if self.constants is not None:
             # From the first call on there is a plant to act for: the prior's.
-            self.state = estimator.begin(NUMPY, self.loop)
-            self._tell()
+            self.state = estimator.begin(NUMPY, self.constants)
+            self._update_plant()
         if self._regulator is not None:
             self._regulated = regulator.begin(NUMPY, self._regulator)
 
     def act(self, x: np.ndarray, t: float) -> np.ndarray:
-        """The torques (2,) (N m) for the state x (4,) measured at time t (s), NaN where x is not finite."""
+        """The torques (2,) (N m) for the state x (4,) measured at time t (s).
+
+        Where x is not finite, the driven joint's is NaN and the passive one's 0.
+        """
         # What is not finite or overflows fails a comparison, and starts again.
         with np.errstate(all="ignore"):
             x = x / self._state_units
-            if self.loop is not None:
-                self.state, x = estimator.observe(NUMPY, self.loop, self.state, self.found, t, x)
-                self._tell()
+            if self.constants is not None:
+                self.state, x = estimator.observe(NUMPY, self.constants, self.state, self.identified_plant, t, x)
+                self._update_plant()
             u = np.zeros(2)
             u[self._joint] = self._torque(x)
-            if self.loop is not None and self.found is not None:
-                u = u + self._torque_unit * estimator.compensation(NUMPY, self.loop, self.found, x)
+            if self.constants is not None and self.identified_plant is not None:
+                against = estimator.compensation(NUMPY, self.constants, self.identified_plant, x)
+                u = u + self._torque_unit * against
             return u
 
-    def given(self, u: np.ndarray) -> None:
-        """Note what the motors were given of the torques (2,) (N m)."""
-        if self.loop is not None:
-            self.state = estimator.remember(NUMPY, self.loop, self.state, u / self._torque_unit)
+    def remember(self, u: np.ndarray) -> None:
+        """Note the torques (2,) (N m) that the motors were given."""
+        if self.constants is not None:
+            self.state = estimator.remember(NUMPY, self.constants, self.state, u / self._torque_unit)
 
-    def _tell(self) -> None:
-        """Hand the plant found to what depends on it."""
-        assert self.loop is not None  # the caller has looked
-        if self.loop.finding is None or self.state.identified is None:
+    def _update_plant(self) -> None:
+        """Hand the identified plant to what depends on it."""
+        constants = None if self.constants is None else self.constants.identifier
+        if constants is None or self.state.identifier is None:
             return
-        self.found = identifier.found(NUMPY, self.loop.finding, self.state.identified)
-        self._base = self.found.residual_base
+        self.identified_plant = identifier.identified_plant(NUMPY, constants, self.state.identifier)
+        self._base = self.identified_plant.residual_base
 
     def _torque(self, x: np.ndarray) -> float:
         """The torque (N m) of the regulator where it acts, or of the policy, for the state in C.1's units."""
@@ -204,9 +208,9 @@ class NumpyPolicy:
             self._regulated, torque = regulator.regulate(NUMPY, self._regulator, self._regulated, plant, x)
             if self._regulated.acting:
                 return float(torque) * self._torque_unit
-        if self.found is not None:
+        if self.identified_plant is not None:
             # The network sees a plant in its own units, as it was trained.
-            self._network.set_plant(self._base_units * self.found.residual_base)
+            self._network.set_plant(self._base_units * self.identified_plant.residual_base)
         return self._network(x * self._state_units)
 
 

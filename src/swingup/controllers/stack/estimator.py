@@ -14,8 +14,14 @@ from ...plant.equations import ArrayOps
 from ...plant.plant import Plant, Robot
 from ...plant.units import BASE_UNITS, STATE, TORQUE, Scales, arm_scales
 from ...policy import estimator, identifier
-from ...policy.estimator import EstimatorSettings, EstimatorState, Loop, default_estimator
-from ...policy.identifier import Found, IdentifierSettings
+from ...policy.estimator import (
+    EstimatorConstants,
+    EstimatorSettings,
+    EstimatorState,
+    default_estimator,
+    estimator_constants,
+)
+from ...policy.identifier import IdentifiedPlant, IdentifierSettings
 from ..interface import AbstractController, TimeLike, as_time, call_for_plant, check_robot, never
 from ..swingups.transition import unpack
 
@@ -61,7 +67,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
     """A controller that sees an estimate of the state instead of its measurement."""
 
     controller: AbstractController[Any]
-    """The controller behind; one that depends on its plant is told what the identifier finds."""
+    """The controller behind; one that depends on its plant is called for the identified one."""
     plant: Plant = eqx.field(static=True)
     """The model, with the motor's torque limit."""
     settings: EstimatorSettings = eqx.field(static=True)
@@ -73,12 +79,13 @@ class EstimatingController(AbstractController[EstimatorMemory]):
     """What the identifier begins with, mean and covariance in C.1's units; None for those of the plant."""
 
     @property
-    def loop(self) -> Loop:
-        """What the estimator knows, and its identifier if it has one."""
-        loop = estimator.make_loop(self.settings, self.plant, self.robot.joint, self.identifier)
-        if self.prior is None or loop.finding is None:
-            return loop
-        return loop._replace(finding=loop.finding._replace(mean=self.prior[0], covariance=self.prior[1]))
+    def constants(self) -> EstimatorConstants:
+        """Constants of the estimator, and of its identifier if it has one."""
+        constants = estimator_constants(self.settings, self.plant, self.robot.joint, self.identifier)
+        if self.prior is None or constants.identifier is None:
+            return constants
+        mean, covariance = self.prior
+        return constants._replace(identifier=constants.identifier._replace(mean=mean, covariance=covariance))
 
     @property
     def scales(self) -> Scales:
@@ -94,32 +101,35 @@ class EstimatingController(AbstractController[EstimatorMemory]):
     def init(self) -> EstimatorMemory:
         """Nothing seen yet."""
         # Split, since single precision would lose a time of some hours.
-        return EstimatorMemory(estimator.begin(JAX, self.loop)._replace(time=never()), self.controller.init())
+        return EstimatorMemory(estimator.begin(JAX, self.constants)._replace(time=never()), self.controller.init())
 
     def __call__(self, carry: EstimatorMemory, t: TimeLike, x: State) -> tuple[EstimatorMemory, Torque]:
         """The controller's torques for the estimated state (N m), with compensation; x is the measurement."""
-        loop, scales = self.loop, self.scales
+        constants, scales = self.constants, self.scales
         now = as_time(t).like(carry.estimator.time)
         state, own = estimator.observe(
-            JAX, loop, carry.estimator, self.found(carry), now, scales.similar(x, *STATE)
+            JAX, constants, carry.estimator, self.identified_plant(carry), now, scales.similar(x, *STATE)
         )
-        plant, seen = self.found(carry._replace(estimator=state)), scales.scaled(own, *STATE)
+        plant = self.identified_plant(carry._replace(estimator=state))
+        seen = scales.scaled(own, *STATE)
         if plant is None:
             inner, u = self.controller(carry.controller, t, seen)
         else:
-            told = scales.scaled(jnp.stack(plant.residual_base), *BASE_UNITS)
-            inner, u = call_for_plant(self.controller, carry.controller, t, seen, told)
-            u = u + scales.scaled(estimator.compensation(JAX, loop, plant, own), TORQUE).astype(u.dtype)
+            base = scales.scaled(jnp.stack(plant.residual_base), *BASE_UNITS)
+            inner, u = call_for_plant(self.controller, carry.controller, t, seen, base)
+            u = u + scales.scaled(estimator.compensation(JAX, constants, plant, own), TORQUE).astype(u.dtype)
         driven = self.plant.limit(self.robot.joint)
         limits = jnp.where(jnp.arange(2) == self.robot.joint, driven, self.passive_limit).astype(u.dtype)
         # Clipped before it is remembered: the model must have the torque that acts.
         u = jnp.clip(u, -limits, limits)
-        return EstimatorMemory(estimator.remember(JAX, loop, state, scales.similar(u, TORQUE)), inner), u
+        return EstimatorMemory(estimator.remember(JAX, constants, state, scales.similar(u, TORQUE)), inner), u
 
-    def found(self, memory: EstimatorMemory) -> Found | None:
-        """What the identifier has found of the plant; None without one."""
-        finding, state = self.loop.finding, memory.estimator.identified
-        return None if finding is None or state is None else identifier.found(JAX, finding, state)
+    def identified_plant(self, memory: EstimatorMemory) -> IdentifiedPlant | None:
+        """What the identifier knows of the plant; None without one."""
+        constants, state = self.constants.identifier, memory.estimator.identifier
+        if constants is None or state is None:
+            return None
+        return identifier.identified_plant(JAX, constants, state)
 
 
 def with_estimator(
@@ -127,12 +137,12 @@ def with_estimator(
     robot: Robot,
     plant: Plant,
     settings: EstimatorSettings | None = None,
-    finding: IdentifierSettings | None = None,
+    identifier: IdentifierSettings | None = None,
 ) -> EstimatingController:
     """Put an estimator in front of a controller.
 
-    The plant is the model, with the motor's torque limit; without settings the defaults are in its units.
-    ``finding`` has settings of an identifier about it.
+    The plant is the model, with the motor's torque limit; without settings the defaults are in its units. With
+    settings of an identifier, the model is the plant that it identifies.
     """
     check_robot(controller, robot)
-    return EstimatingController(controller, plant, settings or default_estimator(plant), robot, finding)
+    return EstimatingController(controller, plant, settings or default_estimator(plant), robot, identifier)

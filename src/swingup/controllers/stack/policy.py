@@ -134,7 +134,8 @@ class PolicyController(AbstractPlantController[None]):
         torque = self.torque_limit * self.policy(x, own if base is None else base).astype(x.dtype)[0]
         # The clips of the observation must not hide it.
         torque = jnp.where(jnp.isfinite(x).all(), torque, jnp.nan)
-        return None, torque * jnp.array(self.robot.actuation, x.dtype)
+        # Selected, not multiplied: a NaN is the driven joint's alone.
+        return None, jnp.where(jnp.array(self.robot.actuation) > 0, torque, 0.0)
 
 
 def make_controller(
