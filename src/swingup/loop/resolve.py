@@ -116,7 +116,7 @@ def _domain_of(content: Mapping[str, Any], name: str = "DOMAIN.yml", folder: str
     )
     ranges = {each: _range(each, value) for each, value in values.items()}
     if twice := [each for each in MOTORS if each in ranges and TORQUE_LIMIT in ranges]:
-        raise SwingupError(f"{' and '.join(twice)} and {TORQUE_LIMIT} say the same: give one of them")
+        raise SwingupError(f"{', '.join(twice)} and {TORQUE_LIMIT} say the same: give one of them")
     given = ranges | (dict.fromkeys(MOTORS, ranges[TORQUE_LIMIT]) if TORQUE_LIMIT in ranges else {})
     if named is None and not given.keys() >= set(PLANT):
         raise SwingupError(
