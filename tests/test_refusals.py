@@ -37,6 +37,7 @@ from swingup.refine.adapt import adapt
 from swingup.refine.recipe import RECIPES, run_recipe
 from swingup.report.film import animate
 from swingup.report.page import render_page
+from swingup.tasks.acrobot_swingup import AcrobotPractice
 from swingup.tasks.presets import get_task
 from swingup.tasks.task import PendulumStage
 
@@ -150,6 +151,7 @@ TOGETHER = {
     # 2 s / 0.01 * 25 = 5000 frames of 2048 * 2048 = 4.2 million pixels.
     "5000 frames of 4194304 pixels": lambda: animate([(STILL, "acrobot")], "film.gif", speed=0.01, size=2048),
     "for the pendubot, not for the acrobot": lambda: PendulumEnv("acrobot", PENDUBOTS),
+    "AcrobotPractice has actions to choose from": lambda: PendulumEnv("acrobot", AcrobotPractice()),
     "has a plant of its own": lambda: PendulumVectorEnv("pendubot", task=PENDUBOTS, plant="A.0"),
     "level arm is -": lambda: scales_of(load_plant("C.1").driven(ACROBOT).changed(r1=-1.0)),
     "inertia is -": lambda: scales_of(load_plant("C.1").driven(ACROBOT).changed(I1=-1.0, Ir=1.0)),

@@ -53,7 +53,7 @@ NONSENSE = [
     ("evaluate acrobot --criteria delay", "those of --board robustness"),
     ("evaluate acrobot --controller lqr --delay 9", "delay = 9 s is above 2 s"),
     # Training.
-    ("train", "robot = None and env = None: give one of the two"),
+    ("train", "name a robot (acrobot, pendubot) or give --env ID"),
     ("train acrobot --frames 0", "frames = 0: use a whole number of at least 1"),
     ("train acrobot --learning-rate fast", "learning_rate = 'fast': use a number"),
     ("train acrobot --resume missing --out other", "--out other does not go with --resume"),

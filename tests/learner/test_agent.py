@@ -17,6 +17,7 @@ from refusals import refusal
 from swingup import AREAPO
 from swingup.common.errors import SwingupError
 from swingup.learner.metrics import read_metrics
+from swingup.learner.run_folder import RunFolder
 from swingup.plant.plant import ROBOTS
 from swingup.tasks.presets import smooth_task
 
@@ -170,6 +171,35 @@ def test_evaluate_is_the_mean_return():
     assert model.evaluate(3, env=ending) == {"score": 6.0, "mean_length": 3.0, **rates}
     assert model.evaluate(3, env=stairs(dt=0.5))["reward_per_second"] == 4.0
     assert "episodes = 5" in refusal(model.evaluate, 5, env=chains(3, "cycle"))
+
+
+def test_evaluations_of_any_length_leave_no_environments_open():
+    running = []
+
+    class Counted(Stairs):
+        def __init__(self):
+            super().__init__()
+            running.append(self)
+
+        def close(self):
+            running.remove(self)
+
+    model = AREAPO(Counted, **TINY)
+    for episodes in (1, 2, 3, 4):
+        model.evaluate(episodes)
+        model.evaluate(episodes, env=Counted)
+    # Those of training and of the usual evaluation.
+    assert len(running) == TINY["num_envs"] + TINY["evaluation_episodes"]
+    model.close()
+    assert running == []
+
+
+def test_loading_a_folder_writes_nothing_and_needs_no_lock(tmp_path):
+    AREAPO(Stairs, folder=tmp_path / "r", **TINY).learn(64)
+    before = {path: path.stat().st_mtime_ns for path in sorted((tmp_path / "r").rglob("*"))}
+    with RunFolder(tmp_path / "r").exclusive():
+        AREAPO.load(tmp_path / "r", env=Stairs).predict([0.0])
+    assert {path: path.stat().st_mtime_ns for path in sorted((tmp_path / "r").rglob("*"))} == before
 
 
 def test_evaluation_elsewhere(monkeypatch):

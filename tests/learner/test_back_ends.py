@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import types
 
 import jax
 import jax.numpy as jnp
@@ -14,12 +15,14 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from areapo.test_probes import SMALL, softmax_policy, values
 from swingup.areapo.config import Config
 from swingup.areapo.initial import begin_episodes, init_learner
+from swingup.areapo.state import LossMetrics
 from swingup.learner import compiled_backend
 from swingup.learner import host_backend as host
 from swingup.learner.environments import make_environments
 from swingup.learner.host_backend import HostBackend, collect_on_host
+from swingup.tasks.task import Step
 
-from .environments import Stairs, chains
+from .environments import Lever, Noisy, Stairs, chains
 
 
 def learn(mode, temperature):
@@ -96,6 +99,47 @@ def test_nothing_is_compiled_twice():
     state, _ = backend.train(state, 2)
     backend.train(backend.begin(state, 3), 1)
     assert [function._cache_size() for function in compiled] == before
+
+
+def test_calls_of_unequal_length_count_by_their_iterations(monkeypatch):
+    """Two iterations with a loss of 1 and one of 4: (2 * 1 + 4) / 3 = 2."""
+    backend = compiled_backend.CompiledBackend(Lever(), TINY, [0], None)
+    losses = iter([1.0, 4.0])
+    backend._advance = lambda state, *_: (state, LossMetrics(*5 * [np.float32(next(losses))]))
+    state = types.SimpleNamespace(actor=np.zeros(1), critic=np.zeros(1))
+    # Two weights and rollouts of 32 frames: calls of two iterations.
+    monkeypatch.setattr(compiled_backend, "CALL_WORK", 2 * 2 * 32)
+    _, (found,) = backend.train(state, 3)
+    assert found.means.policy_loss == 2.0
+
+
+def test_each_checkpoint_is_followed_by_other_starts():
+    backend = HostBackend(Noisy, "noisy", TINY, [0], 0)
+    state = backend.init()
+    starts = [backend.begin(state, iterations).observations for iterations in (0, 4, 0)]
+    np.testing.assert_array_equal(starts[0], starts[2])
+    assert not np.array_equal(starts[0], starts[1])
+
+
+class Lottery(Lever):
+    """Pays 1 for a step whose key is another than that of the step before."""
+
+    def reset(self, key):
+        return jnp.zeros(()), jnp.zeros(2, jnp.uint32)
+
+    def observe(self, state):
+        return state[0][None]
+
+    def step(self, state, action, key):
+        steps, before = state
+        now = jax.random.key_data(key)
+        after = steps + 1.0, now
+        return Step(after, self.observe(after), jnp.any(now != before) * 1.0, jnp.array(False), after[0] >= 10.0)
+
+
+def test_each_step_of_an_evaluation_has_a_key_of_its_own():
+    evaluator = compiled_backend.ReturnEvaluator(Lottery(), 0, 3)
+    assert evaluator.evaluate(jax.tree_util.Partial(lambda observation: jnp.zeros(1, int))).score == 10.0
 
 
 PROGRAM = """

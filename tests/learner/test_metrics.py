@@ -11,17 +11,22 @@ import pytest
 
 from policies import new_actor
 from refusals import refusal
+from swingup.cli.training import _show_rates, figures
 from swingup.controllers.stack.policy import Policy
 from swingup.learner.compiled_backend import SwingUpEvaluator
 from swingup.learner.metrics import (
     RESETS,
     REWARD_RATE,
+    Evaluation,
     MetricsWriter,
+    Row,
+    TrainingMetrics,
     describe_rates,
     read_metrics,
     step_time,
     training_resets,
 )
+from swingup.learner.progress import TrainingReport
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, ROBOTS
 from swingup.policy.pendulum import policy_plant, read_pendulum_policy
@@ -91,6 +96,36 @@ def test_what_was_not_recorded_is_a_dash():
     assert describe_rates(dict.fromkeys((REWARD_RATE, RESETS))) == describe_rates({})
     assert training_resets({"seed": 0, "frames": 1}) is None
     assert training_resets({"termination_rate": 0.0}) == 0.0
+
+
+def row(seed, score, reward):
+    means = types.SimpleNamespace(reward=reward, gain=0.5, termination_rate=0.002)
+    return Row(seed, 64, 1.0, 64.0, TrainingMetrics(means), Evaluation(score, reward_rate=reward), score)
+
+
+def test_a_report_shows_the_seed_that_is_best():
+    report = TrainingReport(64, 64.0, (row(0, 1.0, 9.0), row(1, 2.0, 3.0)), 2.5)
+    assert (report.best.seed, report.score) == (1, 2.0)
+    for text in (str(report), figures(report, "")):
+        assert ("reward 3" in text, "score 2" in text, "9" in text) == (True, True, False)
+    # Before an episode ended there is no score, and the reward rate decides.
+    early = TrainingReport(64, 64.0, (row(0, None, 1.0), row(1, None, 3.0)), None)
+    assert (early.best.seed, early.score) == (1, None)
+    for text in (str(early), figures(early, "")):
+        assert "score –" in text
+        assert "nan" not in text
+
+
+def test_the_table_of_rates_is_that_of_the_best_seed_and_says_so(tmp_path, capsys):
+    both = [(frames, seed) for frames in (100, 200) for seed in (3, 4)]
+    rows = [{"seed": seed, "frames": frames, "reward": seed + frames / 1e3} for frames, seed in both]
+    with MetricsWriter(tmp_path) as writer:
+        writer.write(row | {"termination_rate": 0.0, "reward_rate": 7.0} for row in rows)
+    settings, progress = types.SimpleNamespace(seed=3, seeds=2), types.SimpleNamespace(best_seed=1)
+    _show_rates(types.SimpleNamespace(folder=tmp_path, settings=settings, progress=progress))
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["seed", "4,", "the", "best", "of", "2"] in lines
+    assert [line[:2] for line in lines if line[:1] in (["100"], ["200"])] == [["100", "4.1"], ["200", "4.2"]]
 
 
 def test_the_time_of_a_step():

@@ -182,6 +182,8 @@ def test_no_more_is_lost_than_was_said(tmp_path, every):
 def test_the_command_makes_the_same_settings():
     usual = make_run_settings("acrobot")
     assert usual.command(64) == "swingup train acrobot --preset=default --frames=64 --seed=0"
+    # Signs of an id that a folder's name cannot have on every system.
+    assert make_run_settings("a.b:Mine/C-v0").folder_name == "a.b-Mine-C-v0-mujoco-0"
     changed = {"seed": 0, "evaluate_every": 64}
     by_id = make_run_settings("a.b:C-v0", evaluation_episodes=2, **changed).command(64)
     start = "swingup train --env=a.b:C-v0 --preset=mujoco --frames=64 --seed=0"

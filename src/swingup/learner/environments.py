@@ -175,7 +175,10 @@ class Environments:
     def _call(self, method: str, names: tuple[str, ...], *arguments: Any, **options: Any) -> dict[str, Any]:
         """Call a method of the environment; what it returns, by name."""
         with errors_named_after(f"{method}() of {self._name}"):
-            returned = getattr(self._env, method)(*arguments, **options)
+            if type(self._env) is AsyncVectorEnv:
+                returned = _wait_for(self._env, method, *arguments, **options)
+            else:
+                returned = getattr(self._env, method)(*arguments, **options)
         if not isinstance(returned, tuple) or len(returned) != len(names):
             raise SwingupError(f"{method}() of {self._name} gave {quoted(returned)}: return ({', '.join(names)})")
         return dict(zip(names, returned, strict=True))
@@ -221,7 +224,7 @@ def make_environments(env: Any, num_envs: int) -> Environments:
             "in AREAPO(lambda: MyEnv(...))"
         )
     if isinstance(env, VectorEnv):
-        return Environments(checked_vector(env), lent=True)
+        return Environments(_checked_vector(env), lent=True)
     found = _makers(env)
     makers = [found] * num_envs if callable(found) else found
     with errors_named_after(f"making {num_envs} of {quoted(env, 200)}", f"use {MAKES_SENSE}"):
@@ -276,12 +279,9 @@ def _one(make: Callable[[], Any]) -> gymnasium.Env[Any, Any]:
     return CheckedEnvironment(made)
 
 
-def checked_vector(env: VectorEnv[Any, Any, Any]) -> VectorEnv[Any, Any, Any]:
-    """The vector environment, with checks of what it is made of and a limit on how long it is waited for."""
+def _checked_vector(env: VectorEnv[Any, Any, Any]) -> VectorEnv[Any, Any, Any]:
+    """The vector environment, with checks of what it is made of where that is in this process."""
     _refuse_normalisers(env)
-    inner = env.unwrapped
-    if isinstance(inner, AsyncVectorEnv):
-        _limit_waiting(inner)
     if type(env) is not SyncVectorEnv:
         return env
     checked: Any = copy.copy(env)  # its owner's keeps its environments as they are
@@ -289,24 +289,17 @@ def checked_vector(env: VectorEnv[Any, Any, Any]) -> VectorEnv[Any, Any, Any]:
     return checked
 
 
-def _limit_waiting(env: AsyncVectorEnv) -> None:
-    """Stop workers that do not answer: Gymnasium would wait for them without end, and once more on closing."""
-
-    def limited(wait: Callable[..., Any]) -> Callable[..., Any]:
-        def waiting(timeout: float | None = None) -> Any:
-            try:
-                return wait(PATIENCE if timeout is None else timeout)
-            except multiprocessing.TimeoutError:
-                env.close(terminate=True)
-                raise SwingupError(
-                    f"a worker of {type(env).__name__} did not answer for {PATIENCE:g} s, and all were stopped: "
-                    "correct the environment that hangs"
-                ) from None
-
-        return waiting
-
-    for name in ("step_wait", "reset_wait"):
-        setattr(env, name, limited(getattr(type(env), name).__get__(env)))
+def _wait_for(env: AsyncVectorEnv, method: str, *arguments: Any, **options: Any) -> Any:
+    """Call a method; Gymnasium would wait without end for workers that do not answer, and once more on closing."""
+    getattr(env, f"{method}_async")(*arguments, **options)
+    try:
+        return getattr(env, f"{method}_wait")(timeout=PATIENCE)
+    except multiprocessing.TimeoutError:
+        env.close(terminate=True)
+        raise SwingupError(
+            f"a worker of {type(env).__name__} did not answer for {PATIENCE:g} s, and all were stopped: "
+            "correct the environment that hangs"
+        ) from None
 
 
 def _refuse_normalisers(env: Any) -> None:
@@ -324,15 +317,18 @@ def _refuse_normalisers(env: Any) -> None:
 
 
 class CheckedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """An environment that returns what Gymnasium's interface says.
+    """An environment whose first reset and first step are checked against Gymnasium's interface.
 
-    Its infos are empty: nobody reads them, and to merge those of several costs a tenth of a step.
+    Gymnasium's own ``PassiveEnvChecker``, which ``gymnasium.make`` adds, only warns of a wrong form, and also of
+    observations that train well. Later steps are checked together, for their shapes and for numbers that are not
+    finite. Infos are empty: nobody reads them, and to merge those of several costs a tenth of a step.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
-        """Check an environment from now on."""
+        """Check an environment when it is first used."""
         _refuse_normalisers(env)
         super().__init__(env)
+        self._checked: set[str] = set()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -347,40 +343,39 @@ class CheckedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
                 f"reset() of {one_line(self.env, 100)} lacks an argument ({one_line(error, 100)}): Gymnasium's is "
                 "reset(*, seed=None, options=None)"
             ) from error
-        if not isinstance(returned, tuple) or len(returned) != len(RESET):
-            raise self._fault("reset()", "", returned, "(observation, info)")
-        self._check_observation("reset()", returned[0])
+        if "reset" not in self._checked:
+            self._check("reset", returned, "(observation, info)")
         return returned[0], {}
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """The environment's step, without its infos."""
-        returned, form = self.env.step(action), "(observation, reward, terminated, truncated, info)"
-        if not isinstance(returned, tuple) or len(returned) != len(STEP):
-            raise self._fault("step()", "", returned, form)
+        returned: Any = self.env.step(action)
+        if "step" not in self._checked:
+            self._check("step", returned, "(observation, reward, terminated, truncated, info)")
         observation, reward, terminated, truncated, _ = returned
-        self._check_observation("step()", observation)
-        if not _is_scalar(reward, "fiub"):
-            raise self._fault("step()", "the reward ", reward, f"{form}, where the reward is a number")
-        for name, end in (("terminated", terminated), ("truncated", truncated)):
-            if not _is_scalar(end, "b"):
-                raise self._fault("step()", f"{name} = ", end, f"{form}, where {name} is True or False")
         return observation, reward, bool(terminated), bool(truncated), {}
 
-    def _check_observation(self, method: str, given: Any) -> None:
+    def _check(self, method: str, returned: Any, form: str) -> None:
+        """Refuse what is not of this form."""
+        wrong: tuple[str, Any, str] | None = None
         shape = self.observation_space.shape
+        if not isinstance(returned, tuple) or len(returned) != form.count(",") + 1:
+            wrong = "", returned, form
         # Without a shape the space is not a Box, which is refused elsewhere.
-        if shape is not None and np.shape(given) != shape:
-            raise self._fault(method, "the observation ", given, f"one of shape {shape}, as its observation_space")
-
-    def _fault(self, method: str, what: str, given: Any, wanted: str) -> SwingupError:
-        shape = getattr(given, "shape", None)
-        shown = f"{what}{quoted(given)}" + (f" of shape {shape}" if shape else "")
-        return SwingupError(f"{method} of {one_line(self.env, 100)} gave {shown}: Gymnasium's returns {wanted}")
-
-
-def _is_scalar(given: Any, kinds: str) -> bool:
-    """Whether a value is one number of NumPy's kinds; Python's and NumPy's own are told without a conversion."""
-    kind = getattr(given, "dtype", None)
-    if kind is None:
-        return isinstance(given, bool) if kinds == "b" else isinstance(given, int | float)
-    return getattr(given, "shape", None) == () and np.dtype(kind).kind in kinds
+        elif shape is not None and np.shape(returned[0]) != shape:
+            wrong = "the observation ", returned[0], f"one of shape {shape}, as its observation_space"
+        elif len(returned) == len(STEP):
+            rows = zip(
+                ("the reward", "terminated =", "truncated ="), ("fiub", "b", "b"), returned[1:], strict=False
+            )
+            for what, kinds, given in rows:
+                if np.shape(given) != () or np.asarray(given).dtype.kind not in kinds:
+                    wanted = "True or False" if kinds == "b" else "a number"
+                    wrong = f"{what} ", given, f"{form}, where this is {wanted}"
+                    break
+        if wrong is not None:
+            what, given, wanted = wrong
+            of_shape = f" of shape {shape}" if (shape := getattr(given, "shape", None)) else ""
+            shown = f"{method}() of {one_line(self.env, 100)} gave {what}{quoted(given)}{of_shape}"
+            raise SwingupError(f"{shown}: Gymnasium's returns {wanted}")
+        self._checked.add(method)

@@ -108,6 +108,8 @@ def find_task(task: str | GivenT, robot: str, plant: PlantLike | None = None) ->
         raise SwingupError(f"a {type(task).__name__} has a plant of its own: pass the task's name with plant=")
     found = LEADERBOARD if plant is None else resolve(plant).facts
     chosen = get_task(task, get_robot(robot), found) if isinstance(task, str) else task
+    if chosen.choices:
+        raise SwingupError(f"{type(chosen).__name__} has actions to choose from, an environment here has numbers")
     if chosen.robot != get_robot(robot):
         raise SwingupError(f"the task is for the {chosen.robot.name}, not for the {robot}: change one of them")
     return chosen
