@@ -95,8 +95,10 @@ def file(tmp_path):
     """Write a policy that sees its plant, or another one, with changes and metadata; read it again."""
 
     def file(policy=None, metadata=None, **changes):
-        policy = policy or policy_of(sighted_policy())
-        write_pendulum_policy(tmp_path / "p.safetensors", dataclasses.replace(policy, **changes), metadata or {})
+        metadata = metadata or {}
+        given = {} if policy else {name: metadata[name] for name in PARTS if name in metadata}
+        written = dataclasses.replace(policy or policy_of(sighted_policy()), **changes)
+        write_pendulum_policy(tmp_path / "p.safetensors", written, metadata, given)
         return read_pendulum_policy(tmp_path / "p.safetensors")
 
     return file

@@ -25,12 +25,11 @@ from ..controllers.interface import (
     answer,
     check_interface,
     check_robot,
+    innermost,
     split,
 )
 from ..controllers.registry import Controller
-from ..controllers.stack.estimator import EstimatingController
 from ..controllers.stack.policy import PolicyController, plant_of, policy_of
-from ..controllers.stack.regulator import RegulatingController
 from ..plant.plant import Plant, Robot
 from ..policy.pendulum import plant_difference
 from .rollout import (
@@ -106,12 +105,11 @@ def prepare(source: Any, robot: Robot, name: str, plant: Plant | None = None) ->
         if isinstance(controller, AbstractController):
             with jax.enable_x64(True):
                 check_interface(controller)
-    policy = controller.controller if isinstance(controller, EstimatingController) else controller
-    policy = policy.controller if isinstance(policy, RegulatingController) else policy
+    policy = innermost(controller) if isinstance(controller, AbstractController) else controller
     if plant is not None and isinstance(policy, PolicyController):
-        # Behind an identifier a policy that sees its plant is for all that it can be told of.
-        finds = isinstance(controller, EstimatingController) and controller.identifier is not None
-        seen = policy_of(policy).network.plant_stage if finds else None
+        # Behind an identifier a policy that sees its plant is for all plants in its range.
+        identifies = isinstance(controller, AbstractController) and "identifier" in controller.surrounding_parts
+        seen = policy_of(policy).network.plant_stage if identifies else None
         difference = plant_difference(plant_of(policy), plant, robot, seen)
         if difference is not None:
             _warn_once(f"controller {name!r}: {difference}")

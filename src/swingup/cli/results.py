@@ -13,9 +13,9 @@ from ..benchmark.leaderboard import ON_ROBOT, OURS, Table
 from ..benchmark.result import Result
 from ..benchmark.values import COLUMNS
 from ..common.errors import one_line, printable
+from ..controllers.interface import AbstractController
 from ..controllers.registry import has_estimator
 from ..controllers.stack.policy import PolicyController
-from ..controllers.stack.regulator import RegulatingController
 from ..plant.plant import LEADERBOARD, Plant, torque_over_gravity
 from ..report.log_report import Part
 from .output import tell, tell_table
@@ -30,10 +30,11 @@ def plant_note(plant: Plant, robot: str) -> str:
 
 def judged_name(name: str, controller: object) -> str:
     """A controller's name, with a note on what was judged: with an estimator or without, or a policy alone."""
-    if isinstance(controller, RegulatingController):
+    if has_estimator(controller):
+        return f"{name}, with estimator"
+    if isinstance(controller, AbstractController) and controller.surrounding_parts:
         return f"{name}, without estimator"
-    alone = ", policy alone" if isinstance(controller, PolicyController) else ""
-    return name + (", with estimator" if has_estimator(controller) else alone)
+    return name + (", policy alone" if isinstance(controller, PolicyController) else "")
 
 
 def aligned(title: str, value: str, extra: str = "") -> str:

@@ -70,6 +70,16 @@ Carry = TypeVar("Carry")
 class AbstractController(eqx.Module, Generic[Carry]):
     """A controller of the double pendulum: ``init() -> carry``, then ``(carry, t, x) -> (carry, u)``."""
 
+    @property
+    def inner_controller(self) -> "AbstractController[Any] | None":
+        """The controller that this one stands around; None for one that stands alone."""
+        return None
+
+    @property
+    def surrounding_parts(self) -> tuple[str, ...]:
+        """What stands around the innermost controller, from outside: estimator, identifier, regulator."""
+        return () if self.inner_controller is None else self.inner_controller.surrounding_parts
+
     @abc.abstractmethod
     def init(self) -> Carry:
         """What the controller remembers before the first step."""
@@ -80,6 +90,11 @@ class AbstractController(eqx.Module, Generic[Carry]):
 
         Outside 64-bit mode pass ``interface.split_time(t)``: single precision loses a time of some hours.
         """
+
+
+def innermost(controller: AbstractController[Any]) -> AbstractController[Any]:
+    """The controller around which all others stand."""
+    return controller if controller.inner_controller is None else innermost(controller.inner_controller)
 
 
 class AbstractPlantController(AbstractController[Carry]):

@@ -70,7 +70,7 @@ def get_controller(
 
 def has_estimator(controller: Any) -> bool:
     """Whether a state estimator stands before the controller."""
-    return isinstance(controller, EstimatingController)
+    return isinstance(controller, AbstractController) and "estimator" in controller.surrounding_parts
 
 
 def _imported(name: str) -> Controller:

@@ -83,7 +83,7 @@ def plant_difference(
     }
     name = max(changes, key=lambda each: abs(changes[each]))
     if not abs(changes[name]) > LARGE_DIFFERENCE:
-        return None if identified is None else beyond(identified, plant)
+        return None if identified is None else outside_range_message(identified, plant)
     own = f"{quoted(made_for.name)} " if made_for.name else ""
     more = "the torque limit" if name.startswith("friction") else "it"
     many = sum(abs(change) > LARGE_DIFFERENCE for change in changes.values()) - 1
@@ -94,8 +94,8 @@ def plant_difference(
     )
 
 
-def beyond(stage: PlantStage, plant: Plant) -> str | None:
-    """One sentence on a plant's base parameter that is farthest beyond what a policy can be told; None for none."""
+def outside_range_message(stage: PlantStage, plant: Plant) -> str | None:
+    """One sentence on a plant's base parameter that is farthest outside what a policy has seen; None for none."""
     base = base_parameters(plant)
     far = np.abs(base - stage.centre) / stage.scale
     # Friction is compensated: the policy is told what is left of it.
@@ -103,9 +103,9 @@ def beyond(stage: PlantStage, plant: Plant) -> str | None:
     worst = int(np.argmax(far))
     if not far[worst] > stage.clip:
         return None
-    least, most = stage.centre[worst] + np.array([-1, 1]) * stage.clip * stage.scale[worst]
+    low, high = stage.centre[worst] + np.array([-1, 1]) * stage.clip * stage.scale[worst]
     return (
-        f"the policy can be told a base parameter {BASE_NAMES[worst]} from {max(least, 0.0):.3g} to {most:.3g}, "
+        f"the policy can be told a base parameter {BASE_NAMES[worst]} from {max(low, 0.0):.3g} to {high:.3g}, "
         f"here it is {base[worst]:.3g}: train or refine another on this plant"
     )
 
@@ -199,7 +199,7 @@ def for_plant(policy: PendulumPolicy, plant: Plant) -> PendulumPolicy:
     network = replace(policy.network, stages=stages_for(policy.network.stages, made_for, plant))
     if network.plant_stage is None or policy.identifier is None:
         raise SwingupError("it has a plant of its own: leave plant out here, and judge it on any plant")
-    if (reason := beyond(network.plant_stage, plant)) is not None:
+    if (reason := outside_range_message(network.plant_stage, plant)) is not None:
         raise SwingupError(reason)
     scales = arm_scales(plant).over(arm_scales(made_for))
     parts = {name: scaled(getattr(policy, name), scales) for name in policy.parts}
@@ -234,17 +234,19 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
         return PendulumPolicy(network, ROBOTS[name], limit, plant, **parts, metadata=metadata)
 
 
-def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: Mapping[str, Any]) -> None:
-    """Write a policy file of a pendulum.
+def write_pendulum_policy(
+    path: str | Path,
+    policy: PendulumPolicy,
+    provenance: Mapping[str, Any],
+    parts: Mapping[str, Any] | None = None,
+) -> None:
+    """Write a policy file of a pendulum: the policy with its parts, and where it comes from.
 
-    The policy's own metadata is left out. Its robot, torque limit, plant and ``PARTS`` replace those in the
-    provenance (JSON values). A part that the policy lacks is taken from there, unless the policy's own metadata has
-    that part: then it was removed, and is not written.
+    ``parts`` (JSON values by their names in ``PARTS``) are written where the policy has none. The provenance (JSON
+    values) may be another file's metadata: its robot, torque limit, plant and parts are left out.
     """
     own: dict[str, Any] = {"robot": policy.robot.name, "torque_limit": float(policy.torque_limit)}
-    own |= {PLANT: write_plant(policy.plant)}
+    own |= {PLANT: write_plant(policy.plant), **(parts or {})}
     own |= {name: asdict(getattr(policy, name)) for name in policy.parts}
-    # Provenance is another file's metadata, whose parts would come back otherwise.
-    removed = {name for name in PARTS if name in policy.metadata}
-    kept = {name: value for name, value in provenance.items() if name not in removed | own.keys()}
+    kept = {name: value for name, value in provenance.items() if name not in own.keys() | set(PARTS)}
     write_network(path, policy.network, {**own, **kept})

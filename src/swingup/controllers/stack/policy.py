@@ -17,7 +17,7 @@ from ...plant.base_parameters import base_parameters
 from ...plant.plant import LEADERBOARD, Plant, Robot
 from ...policy.file import write_network
 from ...policy.network import Layer, Network
-from ...policy.pendulum import PendulumPolicy, write_pendulum_policy
+from ...policy.pendulum import PARTS, PendulumPolicy, write_pendulum_policy
 from ...tasks.task import PlantStage, Stage
 from ..interface import AbstractPlantController
 from .estimator import EstimatingController, with_estimator
@@ -177,4 +177,5 @@ def save_controller(path: str | Path, controller: PolicyController, provenance: 
     An ``estimator`` in the provenance holds the settings of an estimator before the policy, an ``identifier`` those
     of an identifier in it, a ``regulator`` those of a regulator that takes over near the top.
     """
-    write_pendulum_policy(path, policy_of(controller), provenance)
+    parts = {name: provenance[name] for name in PARTS if name in provenance}
+    write_pendulum_policy(path, policy_of(controller), provenance, parts)

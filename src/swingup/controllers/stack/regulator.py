@@ -50,6 +50,16 @@ class RegulatingController(AbstractPlantController[RegulatorMemory]):
     """Which joint is driven."""
 
     @property
+    def inner_controller(self) -> AbstractController[Any]:
+        """The policy."""
+        return self.controller
+
+    @property
+    def surrounding_parts(self) -> tuple[str, ...]:
+        """The regulator, and what stands around its policy."""
+        return ("regulator", *self.controller.surrounding_parts)
+
+    @property
     def loop(self) -> Loop:
         """What the regulator knows."""
         known = self.settings, self.geometry, self.robot.joint, self.torque_limit
@@ -72,7 +82,9 @@ class RegulatingController(AbstractPlantController[RegulatorMemory]):
         held = regulator.held(JAX, self.loop, theta, far)
         seen = self.scales.similar(x, *STATE)
         state, torque = regulator.regulate(JAX, self.loop, carry.regulator, held, seen)
-        regulated = self.scales.scaled(torque, TORQUE).astype(u.dtype) * jnp.array(self.robot.actuation, u.dtype)
+        # Selected, not multiplied: a NaN is the driven joint's alone.
+        torques = self.scales.scaled(torque, TORQUE).astype(u.dtype)
+        regulated = jnp.where(jnp.array(self.robot.actuation) > 0, torques, 0.0)
         return RegulatorMemory(state, inner), jnp.where(state.acting, regulated, u)
 
 
