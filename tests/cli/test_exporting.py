@@ -9,7 +9,7 @@ from policies import lone_policy
 from swingup import load_plant, load_policy
 from swingup.controllers.baselines.baselines import shipped_reference
 from swingup.controllers.stack.policy import save_controller
-from swingup.controllers.swingups.reference import load_reference, load_reference_csv
+from swingup.controllers.swingups.reference import load_reference
 
 
 def test_a_policy_file_and_the_entrys_names(run, tmp_path):
@@ -81,5 +81,5 @@ def test_a_shipped_swing_up_is_written_at_once(run):
     expected = shipped_reference("pendubot", "score")[0].torque
     for file in ("a.csv", "a.safetensors"):
         run(f"export tvlqr-score --robot pendubot --to trajectory --out {file}")
-    np.testing.assert_array_equal(load_reference_csv("a.csv", "pendubot").torque, expected)
+    np.testing.assert_array_equal(np.genfromtxt("a.csv", delimiter=",", names=True)["tau1"], expected)
     np.testing.assert_array_equal(load_reference("a.safetensors")[0].torque, expected)

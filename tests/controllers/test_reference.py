@@ -22,7 +22,6 @@ from swingup.controllers.swingups.reference import (
     REFERENCE_ARRAYS,
     Reference,
     load_reference,
-    load_reference_csv,
     save_reference,
     save_reference_csv,
 )
@@ -141,14 +140,13 @@ def test_faulty_files_are_refused(tmp_path, named):
     assert named in refusal(load_reference, path)
 
 
-def test_round_trip(tmp_path, robot):
+def test_the_judge_reads_a_trajectory_as_a_run(tmp_path, robot):
     reference = shipped_reference(robot)[0]
     save_reference_csv(tmp_path / "r.csv", reference)
-    read = load_reference_csv(tmp_path / "r.csv", robot)
-    assert read.dt == pytest.approx(reference.dt, rel=1e-12)
-    for name in ("states", "torque", "gains"):
-        np.testing.assert_array_equal(getattr(read, name), getattr(reference, name))
-    # The judge reads the same file as a run.
+    table = np.genfromtxt(tmp_path / "r.csv", delimiter=",")[1:]
+    np.testing.assert_array_equal(table[:, 0], reference.time)
+    np.testing.assert_array_equal(table[:, 1:5], reference.states)
+    np.testing.assert_array_equal(table[:, 5 + robot.joint], reference.torque)
     swingup.score(load_trajectory(tmp_path / "r.csv"), robot)
 
 
@@ -166,26 +164,3 @@ def test_gains_act_as_realaigyms_controller_has_them(tmp_path, robot, x64):
             for joint in (1, 2)
         ]
         np.testing.assert_allclose(controller(None, row * reference.dt, x)[1], expected, rtol=1e-9, atol=1e-12)
-
-
-REFUSED = {
-    "times are not evenly spaced from 0 on": ["0,1,2,3,4,0,1", "0.1,1,2,3,4,0,1", "0.3,1,2,3,4,0,1"],
-    "torque on the passive joint 1: it is not for": ["0,1,2,3,4,1,0", "0.1,1,2,3,4,0,1", "0.2,1,2,3,4,0,1"],
-    "has 1 complete rows: at least 3": ["0,1,2,3,4,0,1"],
-}
-
-
-@pytest.mark.parametrize("named", REFUSED)
-def test_what_is_refused(tmp_path, named):
-    (tmp_path / "r.csv").write_text("\n".join(["time, pos1, pos2, vel1, vel2, tau1, tau2", *REFUSED[named]]))
-    assert named in refusal(load_reference_csv, tmp_path / "r.csv", "acrobot")
-
-
-def test_without_gains_and_by_other_names(tmp_path):
-    path = tmp_path / "r.csv"
-    head = "time,pos_des1,pos_des2,vel_des1,vel_des2,tau_des1,tau_des2,K11,K12"
-    path.write_text("\n".join([head, *(f"{0.1 * k},1,2,3,{k},5,0,7,8" for k in range(4))]))
-    read = load_reference_csv(path, "pendubot")
-    np.testing.assert_array_equal(read.states[:, 3], range(4))
-    np.testing.assert_array_equal(read.torque, 5)
-    assert not read.gains.any()

@@ -16,7 +16,7 @@ import pytest
 from swingup import BOARDS, SwingupError, load_plant, measured_plant, save_plant, score
 from swingup.areapo.checkpoint import load_checkpoint, read_metadata
 from swingup.benchmark.recording import load_trajectory
-from swingup.controllers.swingups.reference import load_reference, load_reference_csv
+from swingup.controllers.swingups.reference import load_reference
 from swingup.export.c_header import c_header
 from swingup.identification.recording import read_recording
 from swingup.learner.metrics import read_metrics
@@ -68,7 +68,6 @@ READERS = {
     "trajectory": [
         *(partial(score_log, board) for board in BOARDS),
         lambda path: score(load_trajectory(path, ["q1=2", "q2=3"]), "acrobot", "icra-real", force=True),
-        lambda path: load_reference_csv(path, "acrobot"),
         *LOGS,
     ],
     "npz": LOGS,
