@@ -214,7 +214,8 @@ def test_the_swingup_teaches_near_it_the_regulator_at_the_top_and_the_recovering
     torque, _ = teacher_torque(teacher, recovery, jnp.float32([np.pi, 0, 0, 0]) + error)
     assert float(torque) == pytest.approx(float(-teacher.top_gains[:4] @ error), abs=1e-4)
     # Dry friction of the undriven joint is answered there, and makes that region smaller.
-    with_friction = eqx.tree_at(lambda one: one.coulomb, teacher, jnp.float32(0.02))
+    friction = jnp.float32(0.02), jnp.float32(0.7 * 0.02)
+    with_friction = eqx.tree_at(lambda one: (one.coulomb, one.dry_torque), teacher, friction)
     error = np.zeros(4, np.float32)
     error[3 - either_robot.joint] = 0.1
     more = teacher_torque(with_friction, recovery, jnp.float32([np.pi, 0, 0, 0]) + error)[0]
