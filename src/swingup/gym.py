@@ -70,8 +70,8 @@ class Pendulums:
         # A dict of its own: the class's is shared, and the rate follows the task.
         self.metadata = {**self.metadata, "render_fps": round(1 / self.dt)}
         # Only the robots' own tasks bound the velocities.
-        most = 1.0 if isinstance(self.task, AbstractPendulumTask) else np.inf
-        return Box(-most, most, (self.task.observation_size,)), Box(-1.0, 1.0, (self.task.action_size,))
+        bound = 1.0 if isinstance(self.task, AbstractPendulumTask) else np.inf
+        return Box(-bound, bound, (self.task.observation_size,)), Box(-1.0, 1.0, (self.task.action_size,))
 
     def _start(
         self, seed: int | None, options: dict[str, Any] | None

@@ -162,7 +162,7 @@ def train_shown(run: Run, note: Callable[[TrainingReport], str] = lambda report:
 
 
 def figures(report: TrainingReport, note: str) -> str:
-    """What a report says, the most wanted first, since a narrow terminal cuts the end.
+    """The figures of a report, the important ones first, since a narrow terminal cuts the end.
 
     Score, reward and resets are those of the seed that is best now, resets per 1,000 steps where there were some.
     """

@@ -58,7 +58,7 @@ class AREAPO:
                 function that makes a ``gymnasium.Env`` or a list of such functions, a ``gymnasium.Env`` or a
                 ``gymnasium.vector.VectorEnv``, a task in JAX (:class:`swingup.tasks.task.AbstractTask`), an
                 environment with gymnax's methods or a pair of one and its parameters, an environment of
-                jax-envelope, MuJoCo Playground or brax, or ``acrobot`` or ``pendubot``.
+                jax-envelope, or ``acrobot`` or ``pendubot``.
             preset: named settings, see :data:`swingup.learner.presets.PRESETS`. The default is ``default`` for the
                 robots, ``acrobot`` for dm_control's acrobot and ``mujoco`` for anything else; a pendulum task
                 that is passed in needs a name.
@@ -66,12 +66,13 @@ class AREAPO:
             seeds: how many seeds to train, ``seed`` and those after it; default: the preset's number. The learner
                 then acts by the seed with the best score so far.
             folder: new or empty, for the files that ``swingup train`` writes; None to write none.
-            evaluate_every: frames of a seed between evaluations, reports and callbacks, which checkpoints add, too.
+            evaluate_every: frames of a seed between evaluations. Each checkpoint also evaluates, reports and calls
+                the callbacks.
             checkpoint_every: frames of a seed between checkpoints, where the environments that the host steps are
                 reset.
             evaluation_episodes: episodes of an evaluation, whose mean return is the score; default: 5. With 0,
                 where the host steps the environments, it is that of the training episodes. A robot has one episode.
-                The score of a continuing task is its reward rate over 2,000 steps, or as often as many.
+                The score of a continuing task is its reward rate over ``evaluation_episodes`` × 2,000 steps.
             plant: the robot's pendulum, in whose units the task is: a plant, its name or its file; None for the
                 leaderboards'.
             **overrides: hyperparameters, names of :class:`swingup.areapo.config.Config`. Without ``num_envs`` a

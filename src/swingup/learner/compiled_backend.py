@@ -86,12 +86,12 @@ class CompiledBackend(AbstractBackend):
     ) -> tuple[LearnerState, list[TrainingMetrics]]:
         """Run some iterations, on a CPU in compiled calls of about a second: they know no signals."""
         weights = sum(leaf.size for leaf in jax.tree.leaves((state.actor, state.critic)))
-        most = max(1, int(CALL_WORK / (weights * self._config.rollout_size)))
-        most = most if jax.default_backend() == "cpu" else iterations
+        call_iterations = max(1, int(CALL_WORK / (weights * self._config.rollout_size)))
+        call_iterations = call_iterations if jax.default_backend() == "cpu" else iterations
         counts: list[int] = []
         parts = []
         while sum(counts) < iterations and not (counts and stopping()):
-            counts.append(min(most, iterations - sum(counts)))
+            counts.append(min(call_iterations, iterations - sum(counts)))
             state, metrics = self._advance(state, self._task, self._config, counts[-1])
             parts.append(jax.device_get(metrics))
         means = jax.tree.map(lambda *leaves: np.average(leaves, 0, counts).astype(np.float32), *parts)
@@ -119,9 +119,9 @@ class CompiledBackend(AbstractBackend):
         """Nothing to free."""
 
 
-def even_shares(seeds: int, most: int) -> int:
-    """As many devices, of those that there are, as share the seeds evenly: JAX cuts an axis into equal parts."""
-    return max(count for count in range(1, most + 1) if seeds % count == 0)
+def even_shares(seeds: int, devices: int) -> int:
+    """The maximum number of devices that share the seeds evenly: JAX cuts an axis into equal parts."""
+    return max(count for count in range(1, devices + 1) if seeds % count == 0)
 
 
 def share_cores(seeds: int) -> None:

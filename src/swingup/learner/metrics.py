@@ -160,8 +160,8 @@ class MetricsWriter(contextlib.AbstractContextManager["MetricsWriter"]):
 
     def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
         """Close all files; a failure to flush is raised only if no other error is in flight."""
-        told = self._errors_in_words() if error is None else contextlib.suppress(OSError)
-        with told, contextlib.ExitStack() as closing:
+        on_failure = self._errors_in_words() if error is None else contextlib.suppress(OSError)
+        with on_failure, contextlib.ExitStack() as closing:
             closing.callback(self._file.close)
             for board in self._boards.values():
                 closing.callback(board.close)

@@ -19,7 +19,7 @@ class Preset:
     task: str = "smooth"
     """The pendulum's variant, a name of :data:`swingup.tasks.presets.TASKS`."""
     seeds: int = 1
-    """How many seeds a command trains side by side, unless it is told: it keeps the best policy of all."""
+    """Default number of seeds side by side; a command keeps the best policy of all."""
 
 
 PRESETS = {

@@ -97,13 +97,13 @@ class AcrobotSwingup(AbstractTask[PendulumState]):
         return jnp.concatenate([jnp.sin(links), jnp.cos(links), state.x[2:]])
 
     def reward(self, x: State) -> Scalar:
-        """1 within the target; beyond, a Gaussian of the distance, or nothing."""
+        """1 within the target; outside, a Gaussian of the distance, or nothing."""
         upper = x[0] - math.pi
         lower = upper + x[1]
         # Links of 1 m: the highest place of the tip is 2 m above the shoulder.
         distance = jnp.hypot(jnp.sin(upper) + jnp.sin(lower), 2.0 - jnp.cos(upper) - jnp.cos(lower))
-        beyond = jnp.maximum(distance - RADIUS, 0.0)
-        return jnp.where(beyond > 0.0, 0.0 if self.sparse else AT_MARGIN ** (beyond**2), 1.0)
+        outside = jnp.maximum(distance - RADIUS, 0.0)
+        return jnp.where(outside > 0.0, 0.0 if self.sparse else AT_MARGIN ** (outside**2), 1.0)
 
     def step(self, state: PendulumState, action: Action, key: Key) -> Step[PendulumState]:
         """Hold the elbow's torque; RK4 as in dm_control, whose steps are of 10 ms."""
