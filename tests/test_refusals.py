@@ -183,7 +183,7 @@ TOGETHER = {
     "is not a run's folder": lambda: AREAPO.load("."),
     "1024 of 1024 resets gave an observation that is not finite": lambda: AREAPO(Lever(shown=math.nan), **TINY),
     "evaluation_episodes = 0": lambda: AREAPO(Lever(), **(TINY | {"evaluation_episodes": 0})),
-    "no preset was named for this PendulumTask": lambda: AREAPO(get_task("smooth", ACROBOT), **TINY),
+    "PendulumTask>: pass preset=": lambda: AREAPO(get_task("smooth", ACROBOT), **TINY),
     "scored by one episode": lambda: AREAPO("pendubot", **TINY).evaluate(100),
 }
 """Arguments of which each alone is good."""

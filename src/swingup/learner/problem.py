@@ -118,7 +118,7 @@ class AbstractProblem(abc.ABC):
         """The named preset, or else the default; no other code decides this."""
         if named is None and self.preset is None:
             fitting = ", ".join(repr(name) for name in PRESETS if name != ENV_PRESET)
-            raise SwingupError(f"no preset was named for this {self.name}: pass preset=, one of {fitting}")
+            raise SwingupError(f"no preset was named for {self.name}: pass preset=, one of {fitting}")
         get_preset(chosen := named or str(self.preset))
         return chosen
 
