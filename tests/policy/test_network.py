@@ -14,7 +14,7 @@ from swingup.controllers.stack.policy import Policy, policy_of, save_controller
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD
-from swingup.policy.network import Layer, Network, PlantStage, fold, largest_feature
+from swingup.policy.network import Layer, Network, PlantStage, fold, max_feature
 from swingup.policy.numpy_backend import NumpyNetwork, numpy_controller
 from swingup.policy.pendulum import policy_plant, read_pendulum_policy
 from swingup.tasks.task import PendulumStage
@@ -139,6 +139,6 @@ def test_a_bound_of_the_features():
     # |x| ≤ 1 gives 2·1 + 1 = 3, the head 10 times that.
     layer = Layer(np.full((3, 1), 2, np.float32), np.ones(3, np.float32))
     head = Layer(np.full((1, 3), 10 / 3, np.float32), np.zeros(1, np.float32))
-    assert largest_feature(Network((), (layer,), head)) == pytest.approx(30.0)
+    assert max_feature(Network((), (layer,), head)) == pytest.approx(30.0)
     small = Network((), (Layer(layer.weight * 0, layer.bias * 0),), head, activation="elu")
-    assert largest_feature(small) == pytest.approx(10.0)
+    assert max_feature(small) == pytest.approx(10.0)

@@ -102,10 +102,10 @@ def announce(seconds: float, took: float, simulations: int, bound: str = "about 
         _LOGGER.warning("%s %s%s: one call takes %.3g ms", many, bound, duration(seconds), 1000 * took)
 
 
-TIMES = ("t", "time", "now", "seconds", "t_s")
-STATES = ("x", "state", "q", "obs", "observation", "measurement", "measured")
+TIME_NAMES = ("t", "time", "now", "seconds", "t_s")
+STATE_NAMES = ("x", "state", "q", "obs", "observation", "measurement", "measured")
 """Names by which an argument is known."""
-FAR_BEYOND = 10.0
+MAX_TORQUE_RATIO = 10.0
 """A torque of more than this many times what the motor has is in another unit. The loop clips smaller ones."""
 
 
@@ -152,7 +152,7 @@ def _name_order(source: Any) -> list[str]:
         named = [*inspect.signature(call).parameters.values()][1 if in_jax else 0 :][:2]
     except (TypeError, ValueError):  # built-in functions have none
         named = []
-    first, second = (STATES, TIMES) if in_jax else (TIMES, STATES)
+    first, second = (STATE_NAMES, TIME_NAMES) if in_jax else (TIME_NAMES, STATE_NAMES)
     names = [each.name for each in named if each.kind is not inspect.Parameter.KEYWORD_ONLY]
     meant = "(memory, t, x)" if in_jax else "(x, t)"
     if len(names) == 2 and names[0] in first and names[1] in second:
@@ -177,7 +177,7 @@ def _answers_swapped(source: PythonController) -> bool:
 def _try_driven(torques: np.ndarray, robot: Robot, limit: float) -> list[str]:
     """Whether the torques (n,) of the driven joint are near what its motor has (N m)."""
     largest = float(np.abs(torques).max())
-    if largest <= FAR_BEYOND * limit:
+    if largest <= MAX_TORQUE_RATIO * limit:
         return []
     return [
         f"it commands up to {largest:.4g} N m on the driven joint {robot.joint + 1}, whose motor has {limit:g} "

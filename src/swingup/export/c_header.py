@@ -22,7 +22,7 @@ from ..plant.momentum import CLOSE_RATES
 from ..plant.units import C1, Scales, arm_scales, scaled, similar_plant
 from ..policy import estimator, identifier, regulator
 from ..policy.estimator import EstimatorConstants, estimator_constants
-from ..policy.guard import BRAKED_MULTIPLE, PUSHING_SHARE, SENTENCES, STANDSTILLS, GuardSettings, Reason
+from ..policy.guard import MAX_BRAKED_RATIO, MAX_STANDSTILLS, PUSHING_SHARE, SENTENCES, GuardSettings, Reason
 from ..policy.identifier import IdentifierConstants
 from ..policy.network import NormaliseStage, PendulumStage, PlantStage, Stage, require_portable
 from ..policy.numpy_backend import regulator_loop
@@ -304,7 +304,7 @@ def guard_data(settings: GuardSettings, policy: PendulumPolicy) -> Data:
     return {
         **{f"GUARD_{name.upper()}": value for name, value in asdict(settings).items()},
         "GUARD_TORQUE_RATE": settings.rate(policy.torque_limits[policy.robot.joint]),
-        "STANDSTILLS": STANDSTILLS,
+        "MAX_STANDSTILLS": MAX_STANDSTILLS,
         "PUSHING_SHARE": PUSHING_SHARE,
-        "BRAKED_RATE": BRAKED_MULTIPLE * settings.velocity_limit,
+        "BRAKED_RATE": MAX_BRAKED_RATIO * settings.velocity_limit,
     }

@@ -23,7 +23,7 @@ CHOICES, ACTIVATION, BOUNDS = "choices", "activation", "bounds"
 DEFAULTS = {CHOICES: None, ACTIVATION: RELU, BOUNDS: TANH}
 """Values of these keys that are left out."""
 
-MOST_STAGES = 10
+MAX_STAGES = 10
 KNOWN_ARRAYS = re.compile(
     r"network\.(trunk\.\d{1,2}|mean|std|logits)\.(weight|bias)"
     r"|observation\.\d\.(mean|variance|centre|scale)"
@@ -72,8 +72,8 @@ def _checked(name: str, array: np.ndarray) -> np.ndarray:
 
 def _network(metadata: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Network:
     entries = metadata.get("observation")
-    if not isinstance(entries, list) or len(entries) > MOST_STAGES:
-        raise SwingupError(f"observation {quoted(entries)} is not a list of up to {MOST_STAGES} stages")
+    if not isinstance(entries, list) or len(entries) > MAX_STAGES:
+        raise SwingupError(f"observation {quoted(entries)} is not a list of up to {MAX_STAGES} stages")
     # Counted, so that a gap in the numbers shows as a missing array.
     depth = sum(name.startswith("network.trunk.") and name.endswith(".weight") for name in arrays)
     choices = _choices(metadata)

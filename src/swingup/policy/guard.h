@@ -90,7 +90,7 @@ static inline int swingup_allows(swingup_guard *c, double t, const double x[4])
         return 0;
     }
     c->still = !first && pause == 0.0 ? c->still + 1 : 0;
-    if (c->still > SWINGUP_STANDSTILLS) {
+    if (c->still > SWINGUP_MAX_STANDSTILLS) {
         swingup_stop(c, SWINGUP_GUARD_CLOCK, -1, pause);
         return 0;
     }

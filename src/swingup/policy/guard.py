@@ -37,11 +37,11 @@ import numpy as np
 from ..common.errors import SwingupError
 from ..common.settings import Range, Settings, read_settings
 
-STANDSTILLS = 10
-"""Most calls in a row that may have the same time: a loop may call twice for one measurement."""
+MAX_STANDSTILLS = 10
+"""Maximum number of calls in a row at the same time: a loop may call twice for one measurement."""
 PUSHING_SHARE = 0.5
 """A torque above this part of its joint's limit must move the joint."""
-BRAKED_MULTIPLE = 2.0
+MAX_BRAKED_RATIO = 2.0
 """A velocity beyond this many of the guard's limits cannot be braked by."""
 
 
@@ -204,7 +204,7 @@ class Guard:
     def stopped(self) -> np.ndarray:
         """The torques (2,) (N m) of a stopped controller: none, or damping while the measurement is sound."""
         self._torques = (0.0, 0.0)
-        kd, most = self.settings.braking, BRAKED_MULTIPLE * self.settings.velocity_limit
+        kd, most = self.settings.braking, MAX_BRAKED_RATIO * self.settings.velocity_limit
         if self._brakes:
             first, second = (
                 max(-limit, min(limit, -kd * rate)) if abs(rate) <= most else 0.0
@@ -227,7 +227,7 @@ class Guard:
         if not math.isfinite(t) or not (first or pause >= 0):
             return Fault(Reason.CLOCK, t, -1, t if first else pause)
         self._standstills = self._standstills + 1 if pause == 0 else 0
-        if self._standstills > STANDSTILLS:
+        if self._standstills > MAX_STANDSTILLS:
             return Fault(Reason.CLOCK, t, -1, pause)
         if not first and pause > self.settings.longest_gap:
             return Fault(Reason.LATE, t, -1, pause)

@@ -17,7 +17,7 @@ from ..plant.units import BASE_UNITS, VELOCITY, arm_scales, scaled
 
 ANGLES = ("wrapped", "sincos")
 """Encodings of the angles."""
-SMALLEST_SCALE = 1e-30
+MIN_SCALE = 1e-30
 """Least scale of a base parameter: single precision can divide by it."""
 
 Array = Any
@@ -106,8 +106,8 @@ class PlantStage:
             shapes = f"{self.centre.shape} and {self.scale.shape}"
             raise SwingupError(f"centre and scale have shapes {shapes}, the base parameters {(BASE,)}")
         # Negated, so that a scale of NaN fails as well.
-        if not np.all(self.scale >= SMALLEST_SCALE):
-            raise SwingupError(f"a scale of stage 'plant' is below {SMALLEST_SCALE:g}")
+        if not np.all(self.scale >= MIN_SCALE):
+            raise SwingupError(f"a scale of stage 'plant' is below {MIN_SCALE:g}")
         return before + BASE
 
     def inputs(self, base: Array) -> Array:
@@ -185,7 +185,7 @@ FLOAT32_SUM_WIDTH = 64
 """Inputs of a wide layer whose products are summed in single precision; the groups are summed in double."""
 STATE = 4
 """Length of a pendulum's state."""
-LARGEST_FEATURE = 1e30
+MAX_FEATURE = 1e30
 """No layer may reach more, for any observation: single precision ends at 3e38, and ∞ times 0 is not a torque."""
 
 Activation = Literal["relu", "tanh", "elu", "silu", "gelu"]
@@ -243,10 +243,8 @@ class Network:
         if self.choices is not None and size != sum(self.choices):
             raise SwingupError(f"network.logits has {size} outputs, choices {self.choices} need their sum")
         # Negated, so that weights that are NaN fail as well.
-        if not largest_feature(self) < LARGEST_FEATURE:
-            raise SwingupError(
-                f"its weights are not finite, or a layer may reach {LARGEST_FEATURE:g}: train another"
-            )
+        if not max_feature(self) < MAX_FEATURE:
+            raise SwingupError(f"its weights are not finite, or a layer may reach {MAX_FEATURE:g}: train another")
 
     @property
     def plant_stage(self) -> PlantStage | None:
@@ -287,24 +285,24 @@ def _absorb(layer: Layer, inputs: np.ndarray) -> Layer:
     return Layer(layer.weight[:, :-BASE], layer.bias + added)
 
 
-def largest_feature(network: Network) -> float:
+def max_feature(network: Network) -> float:
     """A bound of what a layer gives, for observations of up to 1 or what a stage clips to."""
     clips = [stage.clip for stage in network.stages if not isinstance(stage, PendulumStage)]
     most = largest = max([1.0, *clips])
     heads = [network.head, *([] if network.std is None else [network.std])]
     with np.errstate(over="ignore"):
         for layer in network.trunk:
-            most = _reach(layer, most)
+            most = _max_output(layer, most)
             # No activation gives more than it is given, or than 1.
             most = most if network.activation == RELU else max(most, 1.0)
             largest = max(largest, most)
-        return max(largest, *(_reach(head, most) for head in heads))
+        return max(largest, *(_max_output(head, most) for head in heads))
 
 
-def _reach(layer: Layer, most: float) -> float:
-    """The largest output for inputs of up to ``most``."""
+def _max_output(layer: Layer, max_input: float) -> float:
+    """The maximum output for inputs of up to ``max_input``."""
     sums = np.abs(layer.weight).sum(axis=1, dtype=np.float64)
-    return float(np.max(sums * most + np.abs(layer.bias), initial=0.0))
+    return float(np.max(sums * max_input + np.abs(layer.bias), initial=0.0))
 
 
 def require_portable(network: Network, program: str) -> None:

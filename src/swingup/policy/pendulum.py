@@ -72,9 +72,9 @@ def plant_difference(
     what an identifier finds; None for a policy of one plant.
     """
     # Lengths, gravity and limits are not identified: they count for every policy.
-    one, other = _facts(made_for, robot), _facts(plant, robot)
+    one, other = _known_facts(made_for, robot), _known_facts(plant, robot)
     if identified is None:
-        one, other = one | _bases(made_for), other | _bases(plant)
+        one, other = one | _identified_facts(made_for), other | _identified_facts(plant)
     limit = made_for.limit(robot.joint)
     # Where a number is 0, the change itself counts.
     changes = {
@@ -110,13 +110,13 @@ def outside_range_message(stage: PlantStage, plant: Plant) -> str | None:
     )
 
 
-def _facts(plant: Plant, robot: Robot) -> dict[str, float]:
+def _known_facts(plant: Plant, robot: Robot) -> dict[str, float]:
     """What nothing identifies."""
     names = {"l1": "l1", "l2": "l2", "g": "g", "the torque limit": ("tl1", "tl2")[robot.joint]}
     return {name: float(getattr(plant, attribute)) for name, attribute in names.items()}
 
 
-def _bases(plant: Plant) -> dict[str, float]:
+def _identified_facts(plant: Plant) -> dict[str, float]:
     """What an identifier can find, with friction at 1 rad/s (N m)."""
     both, elbow, second, first, b1, b2, cf1, cf2, rotor = base_parameters(plant).tolist()
     geared = float(plant.gr) ** 2 * rotor

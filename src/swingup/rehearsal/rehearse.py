@@ -96,7 +96,7 @@ def spread(seconds: Sequence[float]) -> dict[str, float]:
 
 SEEDS = 10
 """Runs of a rehearsal; in real time and in a perfect loop it is one."""
-LONGEST_REHEARSAL = 600.0
+MAX_DURATION = 600.0
 """Longest run (s)."""
 
 
@@ -134,7 +134,7 @@ def rehearse(
             fails, hangs, prints, or gives no two finite torques.
     """
     if duration is not None:
-        board = dataclasses.replace(board, duration=positive_number("duration", duration, LONGEST_REHEARSAL, "s"))
+        board = dataclasses.replace(board, duration=positive_number("duration", duration, MAX_DURATION, "s"))
     single = real_time or domain == NO_LOOP
     every = check_seeds(seed, (1 if single else SEEDS) if seeds is None else seeds)
     found = find_folder(folder)
