@@ -192,6 +192,17 @@ def test_constants_and_units_of_rewards_and_observations_do_not_matter(preset, s
     assert min(returns.values()) > -300, returns
 
 
+HELD = {"acrobot": (8, 8, 16, 19, 7), "pendubot": (29, 30, 27, 22, 26)}
+"""Starts of 32 from which a plant with dry friction is held, at least: the best of the designs before."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("place", "plant"), [*enumerate(("A.0", "B.0", "C.0", "C.1", "cloudpendulum"))])
+def test_the_hold_at_the_top(script, robot, place, plant):
+    held = script("hold_at_top").errors_held(robot, plant) < 0.6
+    assert held.sum() >= HELD[robot.name][place]
+
+
 def test_scripts_about_adaptive_policies_can_be_imported(script):
     for path in (*BENCHMARKS.glob("adaptive*.py"), BENCHMARKS / "upper_bound.py"):
         assert script(path.stem).__doc__

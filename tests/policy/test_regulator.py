@@ -263,6 +263,20 @@ def test_strong_friction_has_a_design_far_from_the_top_and_one_near_it(robot):
     assert not weak.state.far
 
 
+def test_strong_friction_is_held_from_where_the_law_of_weak_friction_falls(robot, monkeypatch):
+    plant, largest = rough(robot, 0.08), []
+    for strong in (equations.STRONG, np.inf):
+        monkeypatch.setattr(equations, "STRONG", strong)
+        found = NumpyRegulator(dataclasses.replace(SETTINGS, enter=1e4, leave=1e4), plant, robot)
+        x, angles = UPRIGHT + np.array([0.05, 0.05, 0.0, 0.0]), []
+        while len(angles) < 1500 and (not angles or angles[-1] < 3.0):
+            x = rk4(plant.values(), x, (found(x) or 0.0) * np.array(robot.actuation), DT)
+            angles.append(np.abs(x - UPRIGHT)[:2].max())
+        largest.append(max(angles[-250:]))
+    assert largest[0] < 0.8
+    assert largest[1] > 3.0
+
+
 class Marked(AbstractController):
     """Commands the same torque always, and counts its calls."""
 

@@ -59,7 +59,7 @@ the estimate's errors decide, and the law of weak friction was chosen in that lo
 NEAR_DAMPING, NEAR = 3.0, (1.0, 20.0)
 """Near the top strong friction counts as this multiple of d*, and with this share and knee."""
 FAR_DAMPING, FAR = 0.4, (0.5, 8.0)
-"""Far from it likewise. Friction above d* itself has no such design: none was found that catches the pendulum."""
+"""Damping, share and knee far from the top. Friction above d* has no such design: none that was tried catches."""
 FAR_ABOVE, NEAR_BELOW = 1.0, 0.3
 """Costs-to-go above and below which the two designs change over."""
 TINY = 1e-12
