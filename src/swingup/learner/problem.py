@@ -312,9 +312,9 @@ class HostProblem(AbstractProblem):
         """The host's; dm_control's acrobot has a task in JAX for its own preset."""
         if self.env is None:
             raise SwingupError(f"this run's environment was passed in ({self.name}): pass it again as env")
-        if preset == ACROBOT_PRESET and self.env in ACROBOT_IDS:
-            practice = acrobot_practice(ACROBOT_IDS[self.env])
-            return TaskProblem(self.name, practice, practice.judged).backend(preset, config, seeds, episodes)
+        if preset == ACROBOT_PRESET and isinstance(self.env, str) and self.env in ACROBOT_IDS:
+            practice = _passed_in(self.name, acrobot_practice(ACROBOT_IDS[self.env]))
+            return practice.backend(preset, config, seeds, episodes)
         from .host_backend import HostBackend
 
         return HostBackend(self.env, self.name, config, seeds, episodes)
@@ -365,7 +365,10 @@ def _passed_in(name: str | None, env: Any) -> AbstractProblem:
     """The problem of an environment that was passed in, by its own name or a given one."""
     adapted = as_task(env)
     name = _describe(adapted) if name is None else name
-    return TaskProblem(name, adapted) if isinstance(adapted, AbstractTask) else HostProblem(name, adapted)
+    if isinstance(adapted, AbstractTask):
+        # What dm_control's acrobot is learnt on is judged on the task itself.
+        return TaskProblem(name, adapted, getattr(adapted, "judged", None))
+    return HostProblem(name, adapted)
 
 
 def _describe(env: Any) -> str:
