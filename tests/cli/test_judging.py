@@ -119,8 +119,8 @@ def test_a_plant_is_named_with_the_ratio_of_its_torques(run, run_json, tmp_path)
 
 
 def test_baselines_of_sim2real_are_designed_for_the_domains_plant(capsys, monkeypatch):
-    def found(name, robot, estimator, plant):
-        raise SwingupError(f"designed for {plant}")
+    def found(name, robot, estimator, design):
+        raise SwingupError(f"designed for {design}")
 
     monkeypatch.setattr(judging, "get_controller", found)
     for domain, plant in (("identified", "leaderboard"), ("B.0", "B.0")):
