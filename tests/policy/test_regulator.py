@@ -15,7 +15,7 @@ from swingup.controllers.interface import AbstractController, check_interface
 from swingup.controllers.stack.estimator import with_estimator
 from swingup.controllers.stack.regulator import with_regulator
 from swingup.dynamics.dynamics import UPRIGHT
-from swingup.plant.base_parameters import base_parameters, geometry_of, lumped
+from swingup.plant.base_parameters import base_parameters, friction_of, geometry_of, lumped
 from swingup.plant.equations import NUMPY
 from swingup.plant.plant import LEADERBOARD, ROBOTS, get_robot
 from swingup.policy import regulator as equations
@@ -41,7 +41,8 @@ def plants(robot):
 
 def counted(plant, robot, far=False):
     """What the friction of a plant counts as."""
-    return dry_friction(NUMPY, base_parameters(plant).tolist(), geometry_of(plant), robot.joint, far)
+    theta = base_parameters(plant).tolist()
+    return dry_friction(NUMPY, lumped(theta, geometry_of(plant)), friction_of(theta), robot.joint, far)
 
 
 def designed(plant, robot):

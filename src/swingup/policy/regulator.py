@@ -40,7 +40,7 @@ from ..common.errors import SwingupError
 from ..common.riccati import solve_riccati
 from ..common.settings import Range, Settings
 from ..plant.base_parameters import Geometry, base_parameters, friction_of, geometry_of, lumped
-from ..plant.equations import NUMPY, ArrayOps, Lumped, Number, Pair, mass_entries
+from ..plant.equations import NUMPY, ArrayOps, Friction, Lumped, Number, Pair, mass_entries
 from ..plant.plant import Plant
 from ..plant.units import C1, TORQUE, arm_scales, scaled, similar_plant
 
@@ -100,9 +100,8 @@ def fixed_point(plant: Plant, driven: int) -> tuple[np.ndarray, np.ndarray]:
 
     Of two designs it is the one near the top.
     """
-    damping = near_the_top(plant, driven).damping
-    step = upright_step(base_parameters(plant), geometry_of(plant), driven, damping, RICCATI_STEP)
-    a, d, b = map(np.array, step)
+    lumps = lumped(base_parameters(plant), geometry_of(plant))
+    a, d, b = map(np.array, upright_step(lumps, driven, near_the_top(plant, driven).damping))
     with np.errstate(all="ignore"):
         try:
             found = np.pad(solve_riccati(a, np.outer(b, b) / R, np.diag(Q)), (0, 1))
@@ -133,36 +132,35 @@ class DryFriction(NamedTuple):
     """Whether there are two designs, near the top and far from it."""
 
 
-def dry_friction(ops: ArrayOps, theta: Any, geometry: Geometry, driven: int, far: Any) -> DryFriction:
-    """What friction counts as for base parameters θ (9,), far from the top or near it."""
-    plant, (viscous, coulomb) = lumped(theta, geometry), friction_of(theta)
+def dry_friction(ops: ArrayOps, plant: Lumped, friction: Friction, driven: int, far: Any) -> DryFriction:
+    """What the friction of a plant counts as, far from the top or near it."""
+    (b1, b2), (cf1, cf2) = friction
     # (cf + |cf|) cf is 2 cf² for friction that resists, and 0 for one that drives.
-    damping = [
-        b + cf + (cf + abs(cf)) * cf / (2.0 * COULOMB_DAMPING) for b, cf in zip(viscous, coulomb, strict=True)
-    ]
-    undriven, cf, first = 1 - driven, coulomb[1 - driven], (plant.gravity1, 0.0)[1 - driven]
+    damping1 = b1 + cf1 + (cf1 + abs(cf1)) * cf1 / (2.0 * COULOMB_DAMPING)
+    damping2 = b2 + cf2 + (cf2 + abs(cf2)) * cf2 / (2.0 * COULOMB_DAMPING)
+    m11, m12, m22 = mass_entries(plant, 1.0)
+    gravity = plant.gravity2
+    b, cf, slope, mass = (b1, cf1, plant.gravity1 + gravity, m11) if driven else (b2, cf2, gravity, m22)
     # d* = (Γ_jj - M_jj λ²) / λ of the undriven joint j, less its damping. Where it is not positive, no damping
     # takes the control.
-    masses = mass_entries(plant, 1.0)
-    slack = (first + plant.gravity2) * masses[1] - masses[2 * undriven] * plant.gravity2
-    lost = slack / ops.root(ops.maximum(plant.gravity2 * masses[1], TINY)) - viscous[undriven]
+    lost = (slope * m12 - mass * gravity) / ops.root(ops.maximum(gravity * m12, TINY)) - b
     strong = (lost > 0.0) & (cf > STRONG * lost)
     two = strong & (cf < lost)
     far = far & two
-
-    def law(weak: float, near: float, distant: float) -> Number:
-        return ops.where(far, distant, ops.where(strong, near, weak))
-
-    damping[undriven] = ops.where(
-        strong, viscous[undriven] + lost * ops.where(far, FAR_DAMPING, NEAR_DAMPING), damping[undriven]
+    where = ops.where
+    counted = b + lost * where(far, FAR_DAMPING, NEAR_DAMPING)
+    damping = (
+        (where(strong, counted, damping1), damping2) if driven else (damping1, where(strong, counted, damping2))
     )
-    (share, knee) = (law(*each) for each in zip(WEAK, NEAR, FAR, strict=True))
-    return DryFriction((damping[0], damping[1]), share * cf, knee, two)
+    share = where(far, FAR[0], where(strong, NEAR[0], WEAK[0]))
+    knee = where(far, FAR[1], where(strong, NEAR[1], WEAK[1]))
+    return DryFriction(damping, share * cf, knee, two)
 
 
 def near_the_top(plant: Plant, driven: int) -> DryFriction:
     """What the friction of a plant counts as near the top."""
-    return dry_friction(NUMPY, base_parameters(plant).tolist(), geometry_of(plant), driven, False)
+    theta = base_parameters(plant).tolist()
+    return dry_friction(NUMPY, lumped(theta, geometry_of(plant)), friction_of(theta), driven, False)
 
 
 class Discrete(NamedTuple):
@@ -176,13 +174,12 @@ class Discrete(NamedTuple):
     """(4,), of the torque u on the driven joint."""
 
 
-def upright_step(theta: Any, geometry: Geometry, driven: int, damping: Pair, h: float) -> Discrete:
+def upright_step(plant: Lumped, driven: int, damping: Pair) -> Discrete:
     """A = I + h A_c + h² A_c² / 2, b = h b_c + h² A_c b_c / 2 and d, alike, of the linear equations.
 
-    The mass matrix of θ is positive definite. ``damping`` is that of both joints (N m s/rad), h the
-    length of a step (s).
+    The plant's mass matrix is positive definite; ``damping`` is that of both joints (N m s/rad).
     """
-    plant, (damping1, damping2) = lumped(theta, geometry), damping
+    (damping1, damping2), h = damping, RICCATI_STEP
     m11, m12, m22 = mass_entries(plant, 1.0)
     scale = 1.0 / (m11 * m22 - m12 * m12)
     i11, i12, i22 = m22 * scale, -m12 * scale, m11 * scale
@@ -287,13 +284,14 @@ def begin(maths: ArrayOps, loop: Loop) -> RegulatorState:
 
 def held(maths: ArrayOps, loop: Loop, theta: Any, far: Any) -> Held:
     """What to hold for base parameters θ (9,), far from the top or near it (``RegulatorState.far``)."""
-    dry = dry_friction(maths, theta, loop.geometry, loop.joint, far)
-    step: Discrete = upright_step(theta, loop.geometry, loop.joint, dry.damping, RICCATI_STEP)
-    s, coulomb = loop.settings, friction_of(theta).coulomb[1 - loop.joint]
+    plant, friction = lumped(theta, loop.geometry), friction_of(theta)
+    dry = dry_friction(maths, plant, friction, loop.joint, far)
+    step = upright_step(plant, loop.joint, dry.damping)
+    s, coulomb = loop.settings, friction.coulomb[1 - loop.joint]
     # Dry friction of the undriven joint makes a linear regulator hunt about the top in growing cycles.
     enter = s.enter / (1.0 + abs(coulomb) / s.enter_coulomb)
     leave = enter + (s.leave - s.enter) / (1.0 + abs(coulomb) / s.leave_coulomb)
-    return Held(lumped(theta, loop.geometry), step, dry, enter, leave)
+    return Held(plant, step, dry, enter, leave)
 
 
 def regulate(
