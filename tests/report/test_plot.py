@@ -254,7 +254,7 @@ def test_every_kind_is_saved(tmp_path):
 
 
 def test_bad_files_are_named_and_what_is_there_survives(tmp_path):
-    """Other contents: ``NO_RESULTS``, ``NO_CURVES``, and spoilt files of all kinds in tests/fuzz."""
+    """Other contents: ``NO_RESULTS``, ``NO_CURVES``, and tests/test_spoilt_files.py."""
     (tmp_path / "bad").write_text("{")
     for kind, file in (
         ("trajectory", "out.png"),
