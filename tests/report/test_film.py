@@ -1,11 +1,9 @@
 import functools
-import math
 
 import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
-from swingup.benchmark.rollout import Trajectory
 from swingup.drawing import draw_frame
 from swingup.report.film import animate
 
@@ -45,16 +43,6 @@ def test_gif_pictures_are_the_drawings(tmp_path):
         # The palette holds the drawing's colours exactly; only smoothed edges may differ a little.
         assert np.mean(error == 0) > 0.85
         assert error.max() < 64
-
-
-@pytest.mark.parametrize(
-    ("up", "delays"), [(math.pi, [1520, 480]), (0.0, [2000])], ids=["uneven", "without motion"]
-)
-def test_time_may_start_anywhere_be_uneven_and_pass_without_motion(tmp_path, up, delays):
-    """Hanging for 1.5 s, then upright for half a second: the first picture from then on is that at 1.52 s."""
-    trajectory = Trajectory(np.array([5.0, 6.5, 7.0]), np.outer([0, up, up], np.eye(4)[0]), np.zeros((3, 2)))
-    animate([(trajectory, "pendubot")], tmp_path / "film.gif", size=48)
-    assert read(tmp_path / "film.gif")[1] == delays
 
 
 def test_two_pendulums_move_side_by_side_also_as_webp(tmp_path):

@@ -46,17 +46,6 @@ def test_foreign_names_are_escaped_everywhere():
     html.encode("utf-8")  # no lone surrogate is left
 
 
-def test_tables_show_the_boards_rows_in_order(html):
-    for measure in ("performance", "robustness"):
-        board = make_board(ACROBOT, measure)
-        table = re.search(rf'<table aria-labelledby="acrobot-{measure}">.*?</table>', html, re.DOTALL).group(0)
-        names = re.findall(r'<th scope="row">(\S+)', table)
-        assert names == [row.controller.replace("<", "&lt;").replace(">", "&gt;").split()[0] for row in board.rows]
-        assert table.count('class="ours"') == 2
-        assert "–" in table  # a value that was not measured
-        assert f"{board.rows[0].values[board.columns[-1]]:.3f}" in table
-
-
 def test_rows_from_the_first_that_is_not_finite_on_are_cut():
     for row, value in ((7, np.nan), (7, np.inf), (7, 1e300), (0, np.nan)):
         trajectory = Trajectory(0.01 * np.arange(20), np.zeros((20, 4)), np.zeros((20, 2)))
