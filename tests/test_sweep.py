@@ -123,13 +123,6 @@ def test_a_run_that_fails_does_not_stop_the_others(tmp_path, monkeypatch):
     assert len(closed) == 2
 
 
-def test_what_an_executor_raises_is_an_outcome(tmp_path, monkeypatch):
-    raised = Future()
-    raised.set_exception(KeyError("killed"))  # as Dask does with a job that has killed several workers
-    monkeypatch.setattr(ThreadPoolExecutor, "submit", lambda *_: raised)
-    assert inline(jobs_of(tmp_path)) == [{"error": "KeyError: 'killed'"}]
-
-
 def test_folders_that_are_left_alone(tmp_path, monkeypatch):
     monkeypatch.setattr(runs, "LOCK_SECONDS", 0.0)
     (job,) = jobs_of(tmp_path, frames=64)
@@ -412,10 +405,3 @@ def test_a_dask_worker_is_killed_and_no_run_is_lost(tmp_path):
     assert killed
     assert scores(rows) == scores(inline(jobs_of(tmp_path / "here", (0, 1, 2, 3), 128 * 6)))
     assert [trial.state.name for trial in study.trials] == ["COMPLETE", "COMPLETE"]
-
-
-def test_no_scheduler_there(monkeypatch):
-    distributed = pytest.importorskip("distributed")
-    patient = distributed.Client
-    monkeypatch.setattr(distributed, "Client", lambda address, timeout: patient(address, timeout=timeout / 10))
-    assert "no Dask scheduler answers" in refusal(executor_for("tcp://127.0.0.1:1").__enter__)

@@ -42,14 +42,6 @@ def test_a_folder_for_cloudpendulum(run, tmp_path):
     assert "@" not in readme
 
 
-def test_graphs_and_headers(run, tmp_path):
-    pytest.importorskip("onnx", reason="onnx is not installed")
-    for form, start in (("onnx", b"\x08"), ("c", b"/*")):
-        told = run(f"export --robot acrobot --to {form} --out {form}")
-        assert (tmp_path / form).read_bytes().startswith(start)
-        assert ("without estimator, identifier, regulator and a safety guard" in told) == (form == "onnx")
-
-
 def test_the_guard_of_an_export(run, tmp_path):
     """On by default and in the entry, for its owner to change; left out for simulations."""
     base = "export ar-eapo --robot acrobot --to"

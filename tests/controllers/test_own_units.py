@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import swingup
-from refusals import refusal
 from swingup.benchmark.boards import ROBUSTNESS
 from swingup.benchmark.robustness_board import upright
 from swingup.benchmark.rollout import Scenario
@@ -29,8 +28,6 @@ from swingup.controllers.baselines.continuation import (
 from swingup.controllers.baselines.settings import OPTIMAL_SETTINGS, PUBLISHED_SETTINGS, optimal_for, published_for
 from swingup.controllers.baselines.upright import LQR
 from swingup.controllers.stack.regulator import RegulatingController
-from swingup.controllers.swingups import design
-from swingup.controllers.swingups.ilqr import Solution
 from swingup.controllers.swingups.reference import Reference
 from swingup.dynamics.dynamics import UPRIGHT
 from swingup.dynamics.integrate import rk4_step
@@ -75,28 +72,6 @@ def test_a_swing_up_is_saved_in_real_units(x64, robot, similar):
     np.testing.assert_allclose(own.states[1:], following, atol=1e-9)
     # A feedback of q1 by 1 rad is as large a share of the limit; one of dq1 by 1 rad/s is half of that.
     np.testing.assert_allclose(own.gains, shipped.gains * [0.025, 0.025, 0.0125, 0.0125], rtol=1e-8)
-
-
-def test_a_search_gets_longer_until_it_comes_up(monkeypatch, x64):
-    robot, durations = get_robot("acrobot"), []
-
-    def solved(transition, cost, torques, settings):
-        durations.append(transition.dt * len(torques[0]))
-        states = np.zeros((len(torques), len(torques[0]) + 1, 4))
-        states[:, -1] = UPRIGHT if len(durations) == 2 else 0.0
-        other = np.zeros(len(torques))
-        return Solution(states, torques, other, other, other, other)
-
-    monkeypatch.setattr(design, "_solve_all", solved)
-    monkeypatch.setattr(design, "_gains", lambda *_: np.zeros((450, 4)))
-    monkeypatch.setattr(design, "followed", lambda pendulum, cost, x, u, gains, limit: u)
-    own = design_of(robot, load_plant("C.0"))
-    problem = own.published.swingup
-    found, torque = design._searched(problem, problem.search, own.model, robot, 3)
-    assert durations == pytest.approx([problem.dt * problem.steps, 1.5 * problem.dt * problem.steps], abs=0.01)
-    assert len(torque) == found.steps == round(1.5 * problem.steps)
-    # The leaderboards' plant keeps the one duration that was chosen for it.
-    assert OPTIMAL_SETTINGS[robot.name].swingup.search.durations == (1.0,)
 
 
 @pytest.mark.parametrize(
@@ -185,14 +160,6 @@ def test_a_swing_up_counts_if_it_is_cheap_slow_upright_finite_and_within_the_mot
     cost = np.array([0.24, 0.24, 0.24, 0.24, 0.24, 0.26, 0.24])
     tried = dataclasses.replace(nominal, states=states, torque=torque, gains=gains, cost=cost)
     np.testing.assert_array_equal(accepted(tried, SETTINGS), [True, *[False] * 6])
-
-
-def test_what_is_no_batch_of_pendulums():
-    plants = stacked(NOMINAL, NOMINAL)
-    for shape in ((), (0,), (3,), (2, 1)):
-        named = f"parameter b1 has shape {shape}: give every parameter one value for each plant"
-        assert refusal(continue_swingups, "acrobot", dataclasses.replace(plants, b1=np.zeros(shape))) == named
-    assert "m2" in refusal(continue_swingups, "acrobot", stacked(NOMINAL, dataclasses.replace(NOMINAL, m2=-1.0)))
 
 
 def test_plants_move_by_steps_of_their_own(monkeypatch):

@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,8 +15,7 @@ from swingup.controllers.baselines.baselines import shipped_reference
 from swingup.controllers.baselines.settings import OPTIMAL_SETTINGS, PUBLISHED_SETTINGS, SEARCH
 from swingup.controllers.baselines.tracking import RiccatiController
 from swingup.controllers.swingups import design
-from swingup.controllers.swingups.design import _cheapest, compute_reference
-from swingup.controllers.swingups.ilqr import Solution
+from swingup.controllers.swingups.design import compute_reference
 from swingup.controllers.swingups.reference import (
     REFERENCE_ARRAYS,
     Reference,
@@ -97,14 +95,6 @@ def test_the_torques_rate_moves_the_torque_only_in_its_own_step(x64):
     columns = np.array(transition.jacobian(x, jnp.float64(5.0)))
     np.testing.assert_allclose(columns[5], [0, 0, 0, 0, 0.002])
     np.testing.assert_allclose(columns[:5, :4], pendulum.jacobian(x[:4], x[4]), atol=1e-15)
-
-
-def test_the_cheapest_finite_start_is_taken():
-    rows = jnp.arange(3.0)
-    solutions = Solution(rows, rows, jnp.array([jnp.nan, 2.0, 1.0]), rows, rows, rows)
-    assert _cheapest(solutions, 7).torque == 2.0
-    hopeless = eqx.tree_at(lambda s: s.cost, solutions, jnp.full(3, jnp.nan))
-    assert "no first torque of seed 7 leads to a finite cost: use another seed" in refusal(_cheapest, hopeless, 7)
 
 
 def test_files_keep_everything(tmp_path):

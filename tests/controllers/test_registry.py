@@ -5,7 +5,6 @@ import sys
 
 import equinox as eqx
 import numpy as np
-import pytest
 
 import swingup
 from benchmark import controllers
@@ -16,7 +15,6 @@ from swingup.controllers.interface import split_time
 from swingup.controllers.registry import get_controller, has_estimator
 from swingup.controllers.stack.policy import PolicyController, save_controller
 from swingup.plant.plant import LEADERBOARD
-from swingup.policy import shipped
 from swingup.policy.estimator import EstimatorSettings
 
 
@@ -77,12 +75,6 @@ def test_the_working_folder_comes_first_only_while_a_module_is_imported(tmp_path
     assert importlib.import_module("colorsys").hsv_to_rgb
 
 
-def test_a_missing_policy_of_the_zoo_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr(shipped, "ZOO", tmp_path)
-    named = "lacks the policy acrobot-global.safetensors: use adaptive or train one"
-    assert named in refusal(get_controller, "global", "acrobot")
-
-
 DT, HOURS, EPOCH = 0.002, 1e6, 1.76e9
 
 
@@ -104,9 +96,3 @@ def test_a_clock_may_start_anywhere():
     for start in (HOURS, EPOCH):
         # The clock itself, in float64, resolves 2e-7 s at most.
         np.testing.assert_allclose(answers(found, start), expected, rtol=0, atol=1e-3)
-
-
-def test_differences_of_split_times():
-    first, second = split_time(EPOCH + 0.998), split_time(EPOCH + 1.0)
-    assert float(second - first) == pytest.approx(DT, abs=3e-7)
-    assert np.isnan(float(split_time(np.nan) - first))

@@ -250,13 +250,6 @@ def test_a_task_in_jax_is_compiled():
     assert model.evaluate(4)["score"] == 30.0
 
 
-def test_a_robot_by_name():
-    model = AREAPO("pendubot", **{**TINY, "evaluation_episodes": 1})
-    assert (model.settings.preset, model.settings.problem.name) == ("default", "pendubot")
-    assert model.predict(np.zeros(4)).shape == (1,)
-    assert 0.0 <= model.evaluate()["score"] < 0.1
-
-
 def test_an_evaluation_means_the_same_on_both_back_ends():
     for env in (Lever(ends=3000.0), stairs(ends=3000, pays=2.0)):
         model = AREAPO(env, **TINY)

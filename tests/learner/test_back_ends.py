@@ -17,7 +17,6 @@ from swingup.areapo.config import Config
 from swingup.areapo.initial import begin_episodes, init_learner
 from swingup.areapo.state import LossMetrics
 from swingup.learner import compiled_backend
-from swingup.learner import host_backend as host
 from swingup.learner.environments import make_environments
 from swingup.learner.host_backend import HostBackend, collect_on_host
 from swingup.tasks.task import Step
@@ -88,17 +87,6 @@ def test_a_rollout_holds_what_the_actor_saw_and_did(mode, terminates):
         np.testing.assert_array_equal(np.flatnonzero(rollout.counted[:, 0] == 0), [3, 7])
     # 11 batches of three: the reset and ten steps.
     assert after.statistics.count == pytest.approx(33.0, abs=0.01)
-
-
-def test_nothing_is_compiled_twice():
-    # Episodes of three steps: rows with and without an end both come in the first rollout.
-    backend = HostBackend(Stairs, "stairs", TINY, [0], 0)
-    state, _ = backend.train(backend.begin(backend.init(), 0), 1)
-    compiled = (host._sample, host._noise, host._advance, host._update)
-    before = [function._cache_size() for function in compiled]
-    state, _ = backend.train(state, 2)
-    backend.train(backend.begin(state, 3), 1)
-    assert [function._cache_size() for function in compiled] == before
 
 
 def test_calls_of_unequal_length_count_by_their_iterations(monkeypatch):
@@ -178,13 +166,6 @@ def test_two_devices_share_four_seeds_and_not_three():
     # The same seeds, to rounding: each device has a batch of half the size.
     assert gains == pytest.approx(expected, rel=1e-3, abs=1e-5)
     assert trained(2, seeds=3)[:2] == [2, 1]
-
-
-def test_after_the_first_computation_nothing_changes():
-    before = jax.device_count()
-    compiled_backend.share_cores(64)
-    assert jax.device_count() == before
-    assert jax.config.values["jax_cpu_enable_async_dispatch"]
 
 
 @pytest.mark.slow

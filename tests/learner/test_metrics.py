@@ -10,21 +10,16 @@ import jax.numpy as jnp
 import pytest
 
 from policies import new_actor
-from refusals import refusal
 from swingup.cli.training import _show_rates, figures
 from swingup.controllers.stack.policy import Policy
 from swingup.learner.compiled_backend import SwingUpEvaluator
 from swingup.learner.metrics import (
-    RESETS,
-    REWARD_RATE,
     Evaluation,
     MetricsWriter,
     Row,
     TrainingMetrics,
-    describe_rates,
     read_metrics,
     step_time,
-    training_resets,
 )
 from swingup.learner.progress import TrainingReport
 from swingup.plant.files import load_plant
@@ -66,18 +61,6 @@ def test_a_full_disk_neither_hangs_nor_hides_its_error(tmp_path):
     assert all(line.startswith("cannot write metrics in ") and "File too large" in line for line in lines)
 
 
-def test_a_failure_to_close_replaces_no_error_in_flight(tmp_path):
-    def full():
-        raise OSError(28, "No space left")
-
-    writer = MetricsWriter(tmp_path)
-    writer._file.close()
-    writer._file = types.SimpleNamespace(close=full)
-    assert not writer.__exit__(KeyboardInterrupt, KeyboardInterrupt(), None)  # Python then raises it
-    told = refusal(writer.__exit__, None, None, None)
-    assert told.startswith(f"cannot write metrics in {tmp_path}: No space left")
-
-
 def test_tensorboard_reads_the_events(tmp_path):
     accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
     for start, end in ((0, 30), (20, 40)):  # cut off after 30 frames, resumed at 20
@@ -89,13 +72,6 @@ def test_tensorboard_reads_the_events(tmp_path):
     assert events.Tags()["scalars"] == ["score"]
     shown = [(event.step, round(event.value, 1)) for event in events.Scalars("score")]
     assert shown == [(10, 10.0), (20, 20.0), (30, 30.2), (40, 40.2)]
-
-
-def test_what_was_not_recorded_is_a_dash():
-    assert describe_rates({"score": 1.0}) == "reward rate – per step, resets per 1,000 steps –"
-    assert describe_rates(dict.fromkeys((REWARD_RATE, RESETS))) == describe_rates({})
-    assert training_resets({"seed": 0, "frames": 1}) is None
-    assert training_resets({"termination_rate": 0.0}) == 0.0
 
 
 def row(seed, score, reward):

@@ -20,7 +20,6 @@ from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
 from swingup.learner.problem import make_problem
 from swingup.learner.run import Run, resume_run, start_run
-from swingup.learner.run_folder import RunFolder
 from swingup.learner.run_settings import RunSettings, make_run_settings, run_settings_from_dict, write_run_settings
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD
@@ -179,19 +178,6 @@ def test_no_more_is_lost_than_was_said(tmp_path, every):
     assert_same_runs(tmp_path / "whole", tmp_path / "part")
 
 
-def test_the_command_makes_the_same_settings():
-    usual = make_run_settings("acrobot")
-    assert usual.command(64) == "swingup train acrobot --preset=default --frames=64 --seed=0"
-    # Signs of an id that a folder's name cannot have on every system.
-    assert make_run_settings("a.b:Mine/C-v0").folder_name == "a.b-Mine-C-v0-mujoco-0"
-    changed = {"seed": 0, "evaluate_every": 64}
-    by_id = make_run_settings("a.b:C-v0", evaluation_episodes=2, **changed).command(64)
-    start = "swingup train --env=a.b:C-v0 --preset=mujoco --frames=64 --seed=0"
-    assert by_id == f"{start} --evaluate-every=64 --evaluation-episodes=2"
-    call = "swingup.AREAPO(env, preset='mujoco', seed=0, evaluate_every=64).learn(64)"
-    assert make_run_settings(Noisy, **changed).command(64) == f"{call}  # env: <learner.environments.Noisy>"
-
-
 @pytest.mark.slow
 def test_seeds_side_by_side(tmp_path, monkeypatch):
     """Resumed seeds go on bit for bit as well, also where they were killed between two files of the best policy."""
@@ -249,15 +235,6 @@ def test_a_checkpoint_of_another_configuration(tmp_path):
         changed = content | {"config": content["config"] | change}
         (folder / "config.json").write_text(json.dumps(changed))
         assert message in refusal(resume_run, folder)
-
-
-@pytest.mark.slow
-def test_the_last_policy_is_on_the_disk_before_its_checkpoint(tmp_path, monkeypatch):
-    saved, last = {}, tmp_path / "r" / "last.safetensors"
-    monkeypatch.setattr(RunFolder, "save_checkpoint", lambda _, frames, *__: saved.update({frames: last.exists()}))
-    run(tmp_path / "r", 2)
-    assert saved.pop(0) is False
-    assert saved == {128: True}
 
 
 def test_resuming_keeps_a_better_policy_than_the_checkpoint_knows(tmp_path):

@@ -9,15 +9,11 @@ import pytest
 
 import swingup
 from swingup.controllers.registry import get_controller
-from swingup.plant.equations import NUMPY
-from swingup.policy.estimator import compensation
-from swingup.policy.numpy_backend import NumpyNetwork, numpy_controller
 from swingup.policy.shipped import ADAPTIVE, AR_EAPO
 from swingup.runtime import load_controller
 
 from .backends import BACK_ENDS
-from .references import ADAPTIVES, DT, numpy_loop, numpy_run, policy, within
-from .test_regulator import NumpyRegulator
+from .references import ADAPTIVES, DT, numpy_run, policy, within
 
 BINARY = 2.0**-9
 """A period near 2 ms (s). It has few digits: times with and without the shift differ by it to the last bit."""
@@ -36,38 +32,6 @@ def test_clocks_that_count_from_an_epoch(name, tmp_path):
         np.testing.assert_array_equal(cs.run(times + epoch, states, given), torques)
         rounded = (DT * np.arange(len(times)) + epoch, states, given)
         np.testing.assert_allclose(cs.run(*rounded), numpys.run(*rounded), rtol=0, atol=1e-6)
-
-
-@pytest.mark.parametrize("name", [ADAPTIVES[0], pytest.param(ADAPTIVES[1], marks=pytest.mark.slow)])
-def test_torques_follow_from_estimate_plant_and_memory(name):
-    """A network and a regulator that know no time give the same, from the estimates and the plants found."""
-    p = policy(name)
-    found, joint, network = numpy_controller(p), p.robot.joint, NumpyNetwork(p)
-    regulator = NumpyRegulator(p.regulator, p.plant, p.robot)
-    shown, acted = watched(found), []
-    _, _, torques = numpy_loop(found)
-    for (estimate, base, against), u in zip(shown, torques, strict=True):
-        network.set_plant(base)
-        regulator.tell(np.array(base))
-        regulated = regulator(estimate)
-        acted.append(regulated is not None)
-        assert u[joint] == (network(estimate) if regulated is None else regulated) + against[joint]
-        assert u[1 - joint] == against[1 - joint]
-    assert 0 < sum(acted) < len(torques)
-
-
-def watched(found):
-    """The list that gets the controller's estimates, plants θ and torques against friction and load from now on."""
-    shown, inner = [], found.inner
-    torque = inner._torque
-
-    def watching(estimate):
-        against = compensation(NUMPY, inner.constants, inner.identified_plant, estimate)
-        shown.append((estimate.copy(), list(inner.identified_plant.residual_base), against))
-        return torque(estimate)
-
-    inner._torque = watching
-    return shown
 
 
 @pytest.mark.slow  # JAX compiles identifier and regulator for seconds
