@@ -36,7 +36,7 @@ from adaptive_failing import failing_lines, failing_rows
 from adaptive_plants import ALL, FULL, GRID, JOINT, MIDPOINTS, NOMINAL_CRITERIA, OFF, TOLD, Judge
 
 from swingup.benchmark.boards import ROBUSTNESS
-from swingup.benchmark.robustness_board import RANDOM
+from swingup.benchmark.robustness_board import RANDOM_CRITERIA
 from swingup.benchmark.values import mean_interval, share_interval
 from swingup.common.errors import SwingupError
 from swingup.common.files import write_atomically
@@ -154,7 +154,7 @@ def nominal_table(rows: Rows) -> str:
         on, off = (np.array([row[side] for row in rows if row["criterion"] == name]) for side in ("on", "off"))
         change = on - off
         text = f"{change.mean():+.1f}"
-        if name in RANDOM and len(change) > 1:
+        if name in RANDOM_CRITERIA and len(change) > 1:
             low, high = mean_interval(change.tolist(), -100.0, 100.0)
             text += f" ({low:+.1f} to {high:+.1f})"
         lines.append([name.replace("_", " "), f"{on.mean():.1f}", f"{off.mean():.1f}", text])

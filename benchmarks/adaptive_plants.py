@@ -10,7 +10,14 @@ import numpy as np
 from swingup.benchmark.board import Case
 from swingup.benchmark.judge import judge
 from swingup.benchmark.result import Result
-from swingup.benchmark.robustness_board import SWEPT, ModelSweep, RobustnessBoard, Sweep, make_cases, upright
+from swingup.benchmark.robustness_board import (
+    SWEPT_CRITERIA,
+    ModelSweep,
+    RobustnessBoard,
+    Sweep,
+    make_cases,
+    upright,
+)
 from swingup.benchmark.rollout import Scenario, simulate
 from swingup.benchmark.runner import run_many, stack
 from swingup.common.errors import SwingupError
@@ -32,7 +39,7 @@ JOINT_SEED = (2026, 200)
 """Of the joint draws alone: training and its choices draw with other seeds."""
 SHARE = 0.5
 """Of the sweeps' ranges about the nominal plant, for joint draws."""
-NOMINAL_CRITERIA = (*SWEPT, "perturbations")
+NOMINAL_CRITERIA = (*SWEPT_CRITERIA, "perturbations")
 """The criteria of the robustness board whose plant is the nominal one."""
 
 FULL, OFF, TOLD = "adaptive", "identification off", "told the true plant"

@@ -87,7 +87,7 @@ def small_grid():
         name: dataclasses.replace(each, sweep=dataclasses.replace(each.sweep, count=2))
         for name, each in grid.model.items()
     }
-    pushes = dataclasses.replace(grid.perturbations, apart=0.5)
+    pushes = dataclasses.replace(grid.perturbations, spacing=0.5)
     return dataclasses.replace(grid, name="robustness", duration=4.0, model=model, perturbations=pushes)
 
 

@@ -13,7 +13,7 @@ from swingup.loop.resolve import resolve
 
 V2 = ROBUSTNESS
 BRIEF = dataclasses.replace(
-    V2, name="brief", duration=0.8, perturbations=dataclasses.replace(V2.perturbations, apart=0.1)
+    V2, name="brief", duration=0.8, perturbations=dataclasses.replace(V2.perturbations, spacing=0.1)
 )
 """The whole grid, each run of 0.8 s, with pushes that fit into it."""
 FRICTION = resolve(domain={"plant": "C.1", "design": "leaderboard", "passive_limit": 0.5})

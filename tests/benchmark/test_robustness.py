@@ -15,7 +15,7 @@ from swingup.benchmark.board import Case, Run
 from swingup.benchmark.boards import PERFORMANCE
 from swingup.benchmark.disturbances import DisturbanceSettings, PushRules, draw_pushes
 from swingup.benchmark.judge import judge
-from swingup.benchmark.robustness_board import CRITERIA, RANDOM, Sweep, change_grid, make_cases, upright
+from swingup.benchmark.robustness_board import CRITERIA, RANDOM_CRITERIA, Sweep, change_grid, make_cases, upright
 from swingup.benchmark.rollout import Scenario
 from swingup.benchmark.runner import run_many, stack
 from swingup.loop.disturbance import step_noise
@@ -65,7 +65,7 @@ def test_a_value_counts_if_more_than_half_of_its_repetitions_succeed():
 
 def test_scores_of_several_seeds():
     results = [Run(case(name, 0), True, 0.0, 0.0) for name in ("model", "torque_response", "delay")]
-    for name in RANDOM:
+    for name in RANDOM_CRITERIA:
         results += [Run(case(name, 0, seed), seed == 1, 0.0, 0.0) for seed in (1, 2, 3)]
     percent, intervals = V2.summarise(results, [1, 2, 3])
     assert percent["model"] == percent["delay"] == 100.0
@@ -75,7 +75,7 @@ def test_scores_of_several_seeds():
     # Overall by seed: 1, 1/2, 1/2; mean 2/3, standard deviation 1 / (2 √3), t(0.975, 2) = 4.3027.
     reach = 4.302652729911275 / (2 * math.sqrt(3)) / math.sqrt(3)
     assert intervals["score"] == pytest.approx((max(0, 2 / 3 - reach), 1.0))
-    assert set(intervals) == {*RANDOM, "score"}
+    assert set(intervals) == {*RANDOM_CRITERIA, "score"}
 
 
 @pytest.mark.parametrize("plant", ["leaderboard", "C.1"])
@@ -110,7 +110,7 @@ def test_sweeps(robot, criterion, field, values):
     disturbances = [case.scenario.disturbance for case in cases]
     found = [getattr(each if criterion == "delay" else each.loop, field) for each in disturbances]
     np.testing.assert_allclose(found, values)
-    assert criterion in RANDOM or len({tuple(each.noise) for each in disturbances}) == 1
+    assert criterion in RANDOM_CRITERIA or len({tuple(each.noise) for each in disturbances}) == 1
 
 
 def test_noise_differs_between_criteria_and_seeds_and_fifty_runs_have_pushes(robot):
@@ -149,7 +149,7 @@ def test_other_grids(robot):
 
 
 def test_a_disturbance_has_the_boards_own_period_and_duration():
-    settings = DisturbanceSettings(delay=0.01, pushes=PushRules(apart=0.5))
+    settings = DisturbanceSettings(delay=0.01, pushes=PushRules(spacing=0.5))
     board = dataclasses.replace(PERFORMANCE, dt=0.005, duration=4.0)
     result = judge(SWINGING, "acrobot", board, disturbance=settings, seed=3)
     row = json.loads(json.dumps(result.as_dict()))

@@ -55,7 +55,7 @@ def feedback():
 
 
 # Three pushes a joint, within the 0.8 s of the run; the motor alone is limited, so that they may exceed 6 N m.
-PUSHES = draw_pushes(np.random.default_rng(0), PushRules(apart=0.1), DT * STEPS)
+PUSHES = draw_pushes(np.random.default_rng(0), PushRules(spacing=0.1), DT * STEPS)
 
 
 @pytest.mark.usefixtures("x64")

@@ -22,7 +22,7 @@ from .controllers import FRICTION, HANGING, SWINGING, swinging
 from .independent import World, closed_loop
 
 IROS = IROS_REAL
-HASTY = {name: dataclasses.replace(each, apart=0.3) for name, each in IROS.pushes.items()}
+HASTY = {name: dataclasses.replace(each, spacing=0.3) for name, each in IROS.pushes.items()}
 BRIEF = dataclasses.replace(IROS, duration=2.0, pushes=HASTY, height=-1.01)
 """With a line that the tip is above from the start, so that runs succeed."""
 

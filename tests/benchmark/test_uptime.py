@@ -20,7 +20,7 @@ from swingup.plant.plant import LEADERBOARD, get_robot
 from .controllers import FRICTION, Counting, PlainCounting
 from .independent import ResetText, Throw, World, closed_loop, gravity, rk4
 
-BRIEF = dataclasses.replace(UPTIME, name="brief", duration=2.0, throws=3, first=0.4, jitter=0.1)
+BRIEF = dataclasses.replace(UPTIME, name="brief", duration=2.0, throws=3, first_throw=0.4, jitter=0.1)
 BOTH = {"tl1": 6.0, "tl2": 6.0}
 """Torque limits (N m): both motors are there."""
 
@@ -46,7 +46,7 @@ def test_a_run_agrees_with_a_numpy_loop(robot):
     assert not np.any(result.trajectory.u[1:, 0] == 0)
 
 
-TIMES = {"duration": 3.0, "throws": 2, "first": 0.8, "jitter": 0.1, "throw_duration": 0.201}
+TIMES = {"duration": 3.0, "throws": 2, "first_throw": 0.8, "jitter": 0.1, "throw_duration": 0.201}
 BRIEF_REAL = dataclasses.replace(ICRA_REAL, name="brief", **TIMES, limits=Limits(3.0, 8.0), height=-0.97)
 """Three seconds in which the pendulum exceeds the limits, and a line that the tip passes.
 

@@ -152,7 +152,7 @@ def test_the_real_robots_boards(run, run_json, tmp_path, change_boards, entrants
     assert float(last.partition(",")[0]) == pytest.approx(10.0, abs=0.01)  # the loop's periods vary
     result = run_json(words)
     assert (result["successes"], result["estimator"], result["domain"]["delay"]) == (0, False, [0.002, 0.002])
-    change_boards("icra-real", duration=1.0, throws=1, first=0.5, jitter=0.1, runs=2)
+    change_boards("icra-real", duration=1.0, throws=1, first_throw=0.5, jitter=0.1, runs=2)
     assert "Stopped by the robot" in run("evaluate acrobot --controller lqr --board icra-real --seeds 1")
     entrants("lqr")
     sources = {tuple(line.split()[:2]) for line in run("leaderboard pendubot --board icra-real").splitlines()}

@@ -10,7 +10,7 @@ import swingup
 from policies import lone_policy
 from refusals import refusal
 from swingup.controllers.check import check_controller
-from swingup.controllers.interface import AbstractController, PythonController, answer
+from swingup.controllers.interface import AbstractController, PythonController, checked_torques
 from swingup.controllers.registry import get_controller
 from swingup.plant.plant import ROBOTS, get_robot
 from swingup.policy.numpy_backend import numpy_controller
@@ -120,7 +120,7 @@ def test_good_plain_python(name):
     assert check_controller(SOUND[name], "acrobot") == []
     # RealAIGym calls get_control_output(x=x, t=t).
     if name in ("function", "keywords", "other names"):
-        u = answer(PythonController(SOUND[name]).start(), np.array([0.5, 0.0, 0.0, 0.0]), 0.25)
+        u = checked_torques(PythonController(SOUND[name]).start(), np.array([0.5, 0.0, 0.0, 0.0]), 0.25)
         assert u.tolist() == [0.0, np.sin(0.5) + 0.25]
 
 

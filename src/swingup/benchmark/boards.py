@@ -54,7 +54,7 @@ IROS_REAL = SwingUpBoard(
 ICRA_REAL = UptimeBoard(
     name="icra-real",
     throws=10,
-    first=60.0 / 11,
+    first_throw=60.0 / 11,
     throw_duration=ROBOT_THROW,
     thrower=ROBOT_THROWER,
     limits=Limits(angle=3.5 * math.pi, speed=20.0),

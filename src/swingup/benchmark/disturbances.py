@@ -10,9 +10,9 @@ from ..common.errors import SwingupError
 from ..loop.disturbance import Disturbance, Pushes, undisturbed
 from ..plant.units import TIME, TORQUE, VELOCITY
 
-LARGEST_DISTURBANCE = 999.0
+MAX_DISTURBANCE = 999.0
 """No disturbance of a pendulum comes near this, in SI units."""
-LONGEST_DELAY = 1000
+MAX_DELAY_STEPS = 1000
 """Steps; more past than this is refused."""
 
 
@@ -26,8 +26,8 @@ class PushRules:
     profiles: int = 50
     pushes: int = 3
     """Pushes on each joint."""
-    apart: float = 1.0
-    """Least time between the centres of any two (s)."""
+    spacing: float = 1.0
+    """Minimum time between the centres of two pushes (s)."""
     width: Annotated[tuple[float, float], TIME] = (0.05, 0.1)
     """Range of the standard deviations (s)."""
     amplitude: Annotated[tuple[float, float], TORQUE] = (0.5, 5.0)
@@ -55,8 +55,8 @@ class DisturbanceSettings:
         if isinstance(pushes, bool):
             raise SwingupError(f"pushes = {pushes} are not rules: use PushRules() for the robustness board's")
         for name in ("velocity_noise", "torque_noise", "delay"):
-            finite_number(name, getattr(self, name), 0.0, LARGEST_DISTURBANCE)
-        finite_number("torque_response", self.torque_response, -LARGEST_DISTURBANCE, LARGEST_DISTURBANCE)
+            finite_number(name, getattr(self, name), 0.0, MAX_DISTURBANCE)
+        finite_number("torque_response", self.torque_response, -MAX_DISTURBANCE, MAX_DISTURBANCE)
 
     def draw(self, dt: float, duration: float, seed: int) -> Disturbance:
         """The disturbance of one run of a duration (s) in steps of dt (s), with the noise and pushes of a seed."""
@@ -75,26 +75,28 @@ class DisturbanceSettings:
 def floored_delay_steps(delay: float, dt: float) -> int:
     """A delay (s) in steps of dt (s), rounded down in floating point as in the public benchmark."""
     steps = int(delay / dt)
-    if steps > LONGEST_DELAY:
-        raise SwingupError(f"delay = {delay:g} s is above {LONGEST_DELAY * dt:g} s: make it shorter")
+    if steps > MAX_DELAY_STEPS:
+        raise SwingupError(f"delay = {delay:g} s is above {MAX_DELAY_STEPS * dt:g} s: make it shorter")
     return steps
 
 
 def draw_pushes(random: np.random.Generator, rules: PushRules, duration: float) -> Pushes:
-    """A random profile: peaks shuffled over both joints, at least ``apart`` from each other and both ends."""
+    """A random profile: peaks shuffled over both joints, ``spacing`` or more from each other and both ends."""
     number = 2 * rules.pushes
-    if number < 1 or duration < (number + 1) * rules.apart:
-        raise SwingupError(f"{rules.pushes} pushes a joint {rules.apart:g} s apart do not fit into {duration:g} s")
+    if number < 1 or duration < (number + 1) * rules.spacing:
+        raise SwingupError(
+            f"{rules.pushes} pushes a joint {rules.spacing:g} s apart do not fit into {duration:g} s"
+        )
     # number + 1 gaps: between the peaks and at both ends.
-    slack = (duration - (number + 1) * rules.apart) / number
-    centres = np.cumsum(rules.apart + slack * random.uniform(size=number))
+    slack = (duration - (number + 1) * rules.spacing) / number
+    centres = np.cumsum(rules.spacing + slack * random.uniform(size=number))
     # Pushes on the passive joint are drawn although they have no effect: the published scores contain them.
     shape = (2, rules.pushes)
-    least, most = rules.amplitude
-    # Drawn about 0 and moved outward by `least` below, as in the benchmark: no push is weaker.
-    amplitude = random.uniform(least - most, most - least, shape)
+    low, high = rules.amplitude
+    # Drawn about 0 and moved outward by `low` below, as in the benchmark: no push is weaker.
+    amplitude = random.uniform(low - high, high - low, shape)
     return Pushes(
         centre=random.permutation(centres).reshape(shape),
         width=random.uniform(*rules.width, shape),
-        amplitude=amplitude + np.copysign(least, amplitude),
+        amplitude=amplitude + np.copysign(low, amplitude),
     )

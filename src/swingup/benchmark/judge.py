@@ -82,13 +82,13 @@ def judge(
         if took is not None and not runs:
             announce(took * board.steps * total / cores(), took, total, bound="up to ")
 
-        def told(done: int, _: int, before: int = before, total: int = total) -> None:
+        def report_progress(done: int, _: int, before: int = before, total: int = total) -> None:
             if progress is not None:
                 progress(before + done, total)
 
         with naming(f"controller {name!r}"):
             scenarios, depth = stack([case.scenario for case in cases]), _depth(setting, cases)
-            batch = run_many(controller, scenarios, board.dt, board.steps, depth, board.keeps_rows, told)
+            batch = run_many(controller, scenarios, board.dt, board.steps, depth, board.keeps_rows, report_progress)
         took = took or batch.call_time
         for index, (case, fault) in enumerate(zip(cases, batch.faults, strict=True)):
             rows, stop = _counted(batch, index, board)

@@ -27,11 +27,11 @@ ON_ROBOT = "robot"
 
 ENTRANTS = (AR_EAPO, "tvlqr", "ilqr-riccati", "ilqr-mpc")
 """The paper's controllers, by our names."""
-FURTHER = (ADAPTIVE, "tvlqr-score")
+FURTHER_ENTRANTS = (ADAPTIVE, "tvlqr-score")
 """Further controllers of ours that enter every board beside the paper's."""
-FOR_THROWS = (GLOBAL,)
+THROW_ENTRANTS = (GLOBAL,)
 """Those that enter only the boards with throws."""
-ALONE = " --no-estimator"
+WITHOUT_ESTIMATOR = " --no-estimator"
 """Ends the name of a shipped policy that enters a second time, without its estimator."""
 
 DEFAULT_BOARDS = ("performance", "robustness")
@@ -127,9 +127,9 @@ def leaderboard(
 def default_entrants(board: AbstractBoard) -> tuple[str, ...]:
     """Names of the built-in controllers on a board."""
     if not isinstance(board, UptimeBoard):
-        return (*ENTRANTS, *FURTHER)
+        return (*ENTRANTS, *FURTHER_ENTRANTS)
     if board.cell is None:
-        return (*ENTRANTS, *FURTHER, *FOR_THROWS)
+        return (*ENTRANTS, *FURTHER_ENTRANTS, *THROW_ENTRANTS)
     return tuple(name for name in ENTRANTS if name in BASELINES)  # the shipped policies were made for C.1
 
 
@@ -142,12 +142,12 @@ def entrants_for(
 ) -> dict[str, Any]:
     """Built-in controllers and others by name; with ``alone`` those with an estimator also without it."""
     # Before controllers are made, which takes seconds.
-    taken = sorted({*others} & {*names, *(f"{name}{ALONE}" for name in names)})
+    taken = sorted({*others} & {*names, *(f"{name}{WITHOUT_ESTIMATOR}" for name in names)})
     if taken:
         raise SwingupError(f"controller {taken[0]!r} is on the board already: give yours another name")
     ours = {name: get_controller(name, robot, design=plant) for name in names}
     twice = [name for name in names if alone and has_estimator(ours[name])]
-    ours |= {f"{name}{ALONE}": get_controller(name, robot, False, design=plant) for name in twice}
+    ours |= {f"{name}{WITHOUT_ESTIMATOR}": get_controller(name, robot, False, design=plant) for name in twice}
     return ours | dict(others)
 
 

@@ -21,16 +21,16 @@ from ..loop.resolve import resolve
 from ..plant.plant import Robot, get_robot
 from .boards import HARDWARE
 from .judge import judge, score
-from .plausibility import HANGING
+from .plausibility import HANGING_TOLERANCE
 from .recording import driven_robot
 from .result import Result
 from .rollout import Trajectory
 
-MOST_PLANTS = 4
-"""So many colours can be told apart."""
+MAX_PLANTS = 4
+"""Maximum number of plants: readers can tell four colours apart."""
 DRAWN_LENGTH = 0.5
 """Length of the predictions that are drawn (s)."""
-LONGEST_RUN = 120.0
+MAX_RUN_DURATION = 120.0
 """Longest simulated run (s)."""
 
 
@@ -66,7 +66,7 @@ class Comparison:
         found = list(self.recording.warnings)
         if not self.predictions[0].horizons["0.1"].windows:
             found.append("no window of 0.5 s has a joint faster than 1 rad/s: there are no errors to report")
-        if self.runs and np.abs(wrap_difference(self.recording.q[0])).max() > HANGING[0]:
+        if self.runs and np.abs(wrap_difference(self.recording.q[0])).max() > HANGING_TOLERANCE[0]:
             found.append("the simulated run begins hanging at rest, the log does not")
         return found
 
@@ -98,8 +98,8 @@ def compare(
     plant stands beside the log: with the loop of ``loop``, or None for that of ``plants``, and by default on the
     robot whose joint has the log's torque. The seed is of all that is drawn in these runs.
     """
-    if not 0 < len(plants) <= MOST_PLANTS:
-        raise SwingupError(f"{len(plants)} plants: give one to {MOST_PLANTS}")
+    if not 0 < len(plants) <= MAX_PLANTS:
+        raise SwingupError(f"{len(plants)} plants: give one to {MAX_PLANTS}")
     recording, runs = read_recording(log, columns=columns), {}
     first = next(iter(plants.values())).nominal_plant
     doubts = check_columns(recording, integration_of(first), vector_of(first), force=True)
@@ -120,7 +120,7 @@ def close_loop(
     recording: Recording, controller: Any, name: str, robot: Robot, domain: Domain, seed: int = 0
 ) -> ClosedLoop:
     """Run a controller from rest on a plant and a loop drawn from the domain, for as long as the log lasts."""
-    board = replace(HARDWARE, duration=min(recording.duration, LONGEST_RUN))
+    board = replace(HARDWARE, duration=min(recording.duration, MAX_RUN_DURATION))
     run = judge(controller, robot, replace(board, domain=domain.name), 1, seed=seed, name=name, domain=domain)
     simulated, plant = run.trajectory, jax.tree.map(float, run.runs[0].case.scenario.parameters)
     assert simulated is not None

@@ -25,10 +25,10 @@ from ..plant.plant import LEADERBOARD, Plant, Robot, lump
 from ..plant.units import TIME, VELOCITY, scales_of
 from .board import AbstractBoard
 from .rollout import Trajectory
-from .swing_up_board import SHARE, SwingUpBoard
+from .swing_up_board import MIN_SPAN, SwingUpBoard
 from .uptime_board import UptimeBoard
 
-HANGING = (0.2, 1.0)
+HANGING_TOLERANCE = (0.2, 1.0)
 """A start within this of hanging at rest hangs (rad, and rad/s on C.1); recordings have 0.001 rad and 0.1 rad/s."""
 
 # Limits, and after the semicolon what the recordings have.
@@ -103,8 +103,8 @@ def _is_clean(period: np.ndarray, x: Float[np.ndarray, "rows 4"]) -> bool:
 def _periods(time: np.ndarray, period: np.ndarray, board: AbstractBoard, clean: bool) -> Iterator[Finding]:
     scored = isinstance(board, SwingUpBoard)
     span, usual, longest = float(time[-1] - time[0]), float(np.median(period)), float(period.max())
-    if span < SHARE * board.duration:
-        text = f"it spans {span:.4g} s of {board.duration:g} s: below {SHARE:.0%} "
+    if span < MIN_SPAN * board.duration:
+        text = f"it spans {span:.4g} s of {board.duration:g} s: below {MIN_SPAN:.0%} "
         yield Finding("short_span", text + ("it scores 0" if scored else "the rest counts as down"))
     uneven = float(np.mean(np.abs(period - usual) > _UNEVEN[0] * usual))
     if longest > _LONGEST * usual or uneven > _UNEVEN[1]:
@@ -131,7 +131,7 @@ def _limits(
     anywhere = isinstance(board, UptimeBoard) and board.cell is not None
     angle, speed = float(np.abs(wrap_difference(start[:2])).max()), float(np.abs(start[2:]).max())
     # Negated, here and below: a NaN from overflow must count as a finding.
-    if not (angle <= HANGING[0] and speed <= scales_of(plants[1]).scaled(HANGING[1], VELOCITY)):
+    if not (angle <= HANGING_TOLERANCE[0] and speed <= scales_of(plants[1]).scaled(HANGING_TOLERANCE[1], VELOCITY)):
         text = f"it starts {angle:.3g} rad off hanging, at {speed:.3g} rad/s: record from hanging at rest"
         yield Finding("not_hanging", text, refuses=not anywhere)
     driven, passive = np.roll(np.abs(u).max(axis=0) / (1 + 1e-9), -robot.joint)  # the margin is for rounding

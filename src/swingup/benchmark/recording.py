@@ -18,16 +18,16 @@ from ..common.table import read_table, write_columns
 from ..plant.plant import ROBOTS, Robot
 from .rollout import Trajectory
 
-START = 0.2
+MAX_START = 0.2
 """A run's first time is within this of 0 (s): six periods of the slowest recordings, which have 33 Hz."""
 
-SHORTEST = 1e-6
+MIN_PERIOD = 1e-6
 """A period below this (s) is not measured in seconds."""
 
-DOMINANT = 3.0
+DOMINANT_RATIO = 3.0
 """A joint whose largest torque is this many times the other's is the driven one."""
 
-LEAST = 3
+MIN_ROWS = 3
 """Rows of which costs can be summed."""
 
 # Measured columns first: the leaderboards score these.
@@ -63,7 +63,7 @@ def checked_rows(trajectory: Trajectory, name: str = "the trajectory") -> Trajec
     """A trajectory in float64, refused unless its rows are finite, three or more, and in the order of time."""
     time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
     rows = time.size
-    if rows < LEAST or time.shape != (rows,) or x.shape != (rows, 4) or u.shape != (rows, 2):
+    if rows < MIN_ROWS or time.shape != (rows,) or x.shape != (rows, 4) or u.shape != (rows, 2):
         shapes = f"{time.shape}, {x.shape} and {u.shape}"
         wanted = "pass (N,), (N, 4) and (N, 2) with N of 3 or more"
         raise SwingupError(f"{name}: time, x and u have shapes {shapes}: {wanted}")
@@ -78,9 +78,9 @@ def scorable_rows(trajectory: Trajectory) -> Trajectory:
     """A trajectory in float64, whose times are those of a run in seconds."""
     rows = checked_rows(trajectory)
     usual = float(np.median(np.diff(rows.time)))
-    if usual < SHORTEST:
+    if usual < MIN_PERIOD:
         raise SwingupError(f"the trajectory's rows are {usual:g} s apart (median): give its times in seconds")
-    if abs(start := float(rows.time[0])) > START:
+    if abs(start := float(rows.time[0])) > MAX_START:
         raise SwingupError(f"the trajectory starts at t = {start:g} s: give its times as seconds since its start")
     return rows
 
@@ -98,7 +98,7 @@ def recorded(rows: Trajectory, duration: float) -> tuple[Trajectory, float | Non
         stop = float(time[kept & over][0]) if (kept & over).any() else None
         kept &= ~over
     kept &= np.logical_and.accumulate(np.isfinite(x).all(axis=1))
-    kept[:LEAST] = True
+    kept[:MIN_ROWS] = True
     return Trajectory(time[kept], x[kept], u[kept]), stop
 
 
@@ -109,7 +109,7 @@ def driven_robot(name: str | Path, u: ArrayLike) -> Robot:
     """
     size = np.abs(u).max(axis=0)
     joint = int(size.argmax())
-    if size[joint] == 0.0 or size[joint] < DOMINANT * size[1 - joint]:
+    if size[joint] == 0.0 or size[joint] < DOMINANT_RATIO * size[1 - joint]:
         seen = "has no torque" if size[joint] == 0.0 else "drives both joints"
         raise SwingupError(f"{name} {seen}: name the robot with --robot {' or '.join(ROBOTS)}")
     return next(robot for robot in ROBOTS.values() if robot.joint == joint)

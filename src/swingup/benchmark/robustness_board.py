@@ -20,7 +20,7 @@ from .disturbances import PushRules, draw_pushes, floored_delay_steps
 from .rollout import Scenario, Trajectory
 from .values import mean_interval
 
-MOST_CASES = 10_000
+MAX_CASES = 10_000
 """Simulations of one criterion; more are refused."""
 
 
@@ -84,13 +84,13 @@ MODEL_SWEEPS = {
 }
 """The criterion "model": errors of one parameter at a time (kg m², kg m, kg, N m s/rad, N m, or a factor)."""
 
-SWEPT = ("velocity_noise", "torque_noise", "torque_response", "delay")
+SWEPT_CRITERIA = ("velocity_noise", "torque_noise", "torque_response", "delay")
 """Criteria that sweep one number of the disturbance (rad/s, N m, -, s)."""
 
-CRITERIA = ("model", *SWEPT, "perturbations")
+CRITERIA = ("model", *SWEPT_CRITERIA, "perturbations")
 """The six criteria of the robustness score."""
 
-RANDOM = ("velocity_noise", "torque_noise", "perturbations")
+RANDOM_CRITERIA = ("velocity_noise", "torque_noise", "perturbations")
 """Criteria that depend on the seed."""
 
 
@@ -125,7 +125,7 @@ class RobustnessBoard(AbstractBoard):
 
     def is_random(self, setting: Setting) -> bool:
         """Noise and pushes depend on the seed."""
-        return any(name in RANDOM for name in self.criteria)
+        return any(name in RANDOM_CRITERIA for name in self.criteria)
 
     def on(self, setting: Setting) -> "RobustnessBoard":
         """The grid in the pendulum's own units; responses and all counts stay."""
@@ -136,8 +136,13 @@ class RobustnessBoard(AbstractBoard):
     def cases(self, setting: Setting, seeds: Sequence[int]) -> list[Case]:
         """The grid: the criteria without randomness once, the others with each seed."""
         robot, plant = setting.robot, setting.plant
-        drawn = [(name, seed) for seed in seeds for name in self.criteria if seed == seeds[0] or name in RANDOM]
-        cases = [case for name, seed in drawn for case in make_cases(robot, self, name, seed, plant)]
+        cases = [
+            case
+            for seed in seeds
+            for name in self.criteria
+            if seed == seeds[0] or name in RANDOM_CRITERIA
+            for case in make_cases(robot, self, name, seed, plant)
+        ]
         if plant == LEADERBOARD:
             return cases  # whose grid takes one step of RK4
         # Short enough for the stiffest plant of the grid.
@@ -159,7 +164,7 @@ class RobustnessBoard(AbstractBoard):
         values = {name: fmean(each[name] for each in by_seed) for name in by_seed[0]}
         complete, intervals = len(values) == len(CRITERIA), {}
         if len(seeds) > 1:
-            random = [name for name in RANDOM if name in values]
+            random = [name for name in RANDOM_CRITERIA if name in values]
             intervals = {name: mean_interval([each[name] for each in by_seed], 0.0, 100.0) for name in random}
             if complete:
                 intervals["score"] = mean_interval([fmean(each.values()) / 100 for each in by_seed], 0.0, 1.0)
@@ -196,11 +201,11 @@ def make_cases(
         made = list(_push_cases(nominal, calm, rules, seed))
     else:
         made = list(_sweep_cases(nominal, calm, rules, criterion))
-    if len(made) > MOST_CASES:
+    if len(made) > MAX_CASES:
         raise SwingupError(
-            f"{criterion} has {len(made)} simulations: at most {MOST_CASES} can have noise of their own"
+            f"{criterion} has {len(made)} simulations: at most {MAX_CASES} can have noise of their own"
         )
-    return [_seeded(case, seed, index) for index, case in enumerate(made)] if criterion in RANDOM else made
+    return [_seeded(case, seed, index) for index, case in enumerate(made)] if criterion in RANDOM_CRITERIA else made
 
 
 def _model_cases(nominal: Plant, calm: Disturbance, rules: RobustnessBoard) -> Iterator[Case]:
@@ -238,7 +243,7 @@ def _push_cases(nominal: Plant, calm: Disturbance, rules: RobustnessBoard, seed:
 def _seeded(case: Case, seed: int, index: int) -> Case:
     """The case with a noise of its own: no two of a grid, and no two seeds, share a key."""
     # The stride leaves room for the largest grid of each criterion.
-    key = np.array([seed, MOST_CASES * CRITERIA.index(str(case.criterion)) + index], np.uint32)
+    key = np.array([seed, MAX_CASES * CRITERIA.index(str(case.criterion)) + index], np.uint32)
     assert case.scenario.disturbance is not None
     disturbance = replace(case.scenario.disturbance, noise=key)
     scenario = replace(case.scenario, disturbance=disturbance)
@@ -260,11 +265,11 @@ def change_grid(rules: RobustnessBoard, text: str) -> RobustnessBoard:
         (low, high), counts = _parse(text, values, 2, 1, 2)
         model = replace(rules.model[name], sweep=Sweep(low, high, *counts))
         changed = {"model": {**rules.model, name: model}}
-    elif name in SWEPT:
+    elif name in SWEPT_CRITERIA:
         (low, high), (count, *repetitions) = _parse(text, values, 2, 1, 2)
         changed = {name: Sweep(low, high, count, *(repetitions or [getattr(rules, name).repetitions]))}
     else:
-        known = ", ".join([*SWEPT, "perturbations", *rules.model])
+        known = ", ".join([*SWEPT_CRITERIA, "perturbations", *rules.model])
         raise SwingupError(f"grid {text!r} names no sweep: use NAME=LOW:HIGH:COUNT with one of {known}")
     return replace(rules, name=f"{rules.name} {text}", **changed)
 

@@ -20,11 +20,11 @@ from ..controllers.baselines.upright import AbstractExpensiveController
 from ..controllers.check import announce
 from ..controllers.interface import (
     AbstractController,
-    Answer,
     PythonController,
-    answer,
+    TorqueFunction,
     check_interface,
     check_robot,
+    checked_torques,
     innermost,
     split,
 )
@@ -54,10 +54,10 @@ StageProgress: TypeAlias = Callable[[str, int, int], None]
 
 SIDE_BY_SIDE = 64
 """Copies of a controller in plain Python that exist at a time."""
-SMALLEST_BATCH = 32
+MIN_BATCH = 32
 """Scenarios side by side that keep a core busy with more than calling compiled loops."""
 TIMED_STEPS = 52
-"""Steps after which the time of a whole batch in plain Python can be told."""
+"""Steps after which the time of a whole batch in plain Python is estimated."""
 TIMED_CALLS = 1000
 """Calls that are timed: the first ones, in which a controller that plans has most to do."""
 
@@ -173,8 +173,8 @@ def _run_compiled(
     number, (arrays, static) = _length(scenarios), split(controller)
     on_cpu = jax.default_backend() == "cpu"
     threads = cores() if on_cpu else 1
-    most = SMALLEST_BATCH if on_cpu and _is_sparing(controller) else -(-number // threads)
-    size = min(number, max(SMALLEST_BATCH, most))
+    wanted = MIN_BATCH if on_cpu and _is_sparing(controller) else -(-number // threads)
+    size = min(number, max(MIN_BATCH, wanted))
     # Parts of one shape need one compilation: the last scenario fills up the last part.
     parts = np.minimum(np.arange(-(-number // size) * size), number - 1).reshape(-1, size)
 
@@ -226,7 +226,7 @@ def _simulate_plain(
     simulations is announced as ``announced`` says.
     """
     number, (dt, steps, depth, keep) = len(controllers), span
-    calls: dict[int, Answer] = {}  # of the controllers without a fault
+    calls: dict[int, TorqueFunction] = {}  # of the controllers without a fault
     faults: list[str | None] = [None] * number
     for index, controller in enumerate(controllers):
         try:
@@ -260,7 +260,7 @@ def _simulate_plain(
         for index in [each for each in calls if able[each]]:
             before = perf_counter()
             try:
-                command[index] = answer(calls[index], measured[index], float(time[index, step]))
+                command[index] = checked_torques(calls[index], measured[index], float(time[index, step]))
             except SwingupError as error:
                 faults[index] = str(error)
                 del calls[index]

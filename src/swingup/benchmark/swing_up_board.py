@@ -27,7 +27,7 @@ PUSH_SEED = 2024
 """The pushes are the same for every controller and every seed of the plants."""
 
 # The benchmark's own limit: a file whose last time is below it fails.
-SHARE = 0.99
+MIN_SPAN = 0.99
 """Part of the rules' duration that a run must span to score."""
 
 
@@ -115,7 +115,7 @@ class SwingUpBoard(AbstractBoard):
         time, x, u = (np.asarray(part) for part in (rows.time, rows.x, rows.u))
         time = time - min(0.0, time[0])  # no negative swing-up times
         criteria = compute_criteria(time, x, u, *lengths, self)
-        if stop is not None or fault is not None or time[-1] - time[0] < SHARE * self.duration:
+        if stop is not None or fault is not None or time[-1] - time[0] < MIN_SPAN * self.duration:
             criteria = replace(criteria, success=False, swingup_time=None, score=0.0)
         tip = follow_tip(time, x, *lengths, self)
         if stop is not None:
@@ -150,7 +150,7 @@ def compute_criteria(
         "velocity_cost": float(np.sum(np.sum(x[:-1, 2:] ** 2, axis=1) * dt)),
     }
     # It compares the last time. The boards test the span as well.
-    if start == up.size or time[-1] < SHARE * rules.duration:
+    if start == up.size or time[-1] < MIN_SPAN * rules.duration:
         return Criteria(success=False, swingup_time=None, **costs, score=0.0)
     swingup_time = float(times[start])
     score = realai_score({"swingup_time": swingup_time, **costs}, rules.normalisers)
@@ -172,8 +172,9 @@ def follow_tip(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: Swi
         last, cause = int(np.flatnonzero(up)[-1]), "fell"
         failure = f"up at t = {times[int(up.argmax())]:.3f} s, fell at t = {times[last + 1]:.3f} s"
     # Both the benchmark's limit on the last time and ours on the span.
-    elif min(time[-1], time[-1] - time[0]) < SHARE * rules.duration:
-        failure, cause = f"it spans {time[-1] - time[0]:g} s, below {SHARE:.0%} of {rules.duration:g} s", "stopped"
+    elif min(time[-1], time[-1] - time[0]) < MIN_SPAN * rules.duration:
+        failure = f"it spans {time[-1] - time[0]:g} s, below {MIN_SPAN:.0%} of {rules.duration:g} s"
+        cause = "stopped"
     elif hold is not None and not every[time >= rules.duration - hold].all():
         since = time[min(int(np.flatnonzero(~every)[-1]) + 1, len(time) - 1)]
         failure, cause = f"up for good at t = {since:.3f} s only, not for the last {hold:g} s", "up late"
@@ -182,22 +183,22 @@ def follow_tip(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: Swi
 
 def _limit_passed(time: np.ndarray, x: np.ndarray, up: np.ndarray, limits: Limits) -> str | None:
     """Which joint first passed which limit, when and in which phase."""
-    most = np.array([limits.angle, limits.angle, limits.speed, limits.speed])
+    bounds = np.array([limits.angle, limits.angle, limits.speed, limits.speed])
     # Negated, so that a state that has diverged is beyond them.
-    beyond = ~(np.abs(x) <= most)
+    beyond = ~(np.abs(x) <= bounds)
     if not beyond.any():
         return None
     row = int(beyond.any(axis=1).argmax())
     place = int(beyond[row].argmax())
     phase = "at the top" if up[:row].any() else "swinging up"
-    limit = f"{most[place]:.4g} {'rad' if place < 2 else 'rad/s'}"
+    limit = f"{bounds[place]:.4g} {'rad' if place < 2 else 'rad/s'}"
     joint = ("shoulder", "elbow")[place % 2]
     return f"{phase}, the {joint} passes {limit} at t = {time[row]:.3f} s"
 
 
 def realai_score(costs: Mapping[str, Any], normalisers: Normalisers, tanh: Callable[..., Any] = math.tanh) -> Any:
     """1 - (1/5) Σ_i tanh(π c_i / n_i) of a successful run; names are those of :class:`Normalisers`."""
-    penalties = [tanh(math.pi * costs[name] / most) for name, most in vars(normalisers).items()]
+    penalties = [tanh(math.pi * costs[name] / normaliser) for name, normaliser in vars(normalisers).items()]
     return 1.0 - sum(penalties) / len(penalties)
 
 

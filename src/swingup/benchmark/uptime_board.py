@@ -25,7 +25,7 @@ from ..plant.plant import Plant
 from ..plant.units import TIME, scaled, scales_of
 from .board import AbstractBoard, Case, Run, Setting, Summary, TipHistory, summed_scores
 from .rollout import Scenario, Trajectory
-from .swing_up_board import SHARE, tip_heights, tip_is_up
+from .swing_up_board import MIN_SPAN, tip_heights, tip_is_up
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +39,7 @@ class UptimeBoard(AbstractBoard):
     height: float = 0.9
     """Fraction of l1 + l2 above which the tip counts as up."""
     throws: int = 15
-    first: float = 3.75
+    first_throw: float = 3.75
     """Mean time of the first throw (s). The mean time of the last throw is as long before the end."""
     jitter: float = 1.0
     """Throws come at uniform random times within this of their mean times (s)."""
@@ -49,7 +49,7 @@ class UptimeBoard(AbstractBoard):
     """The PID that throws."""
     limits: Limits | None = None
     """Beyond these the pendulum is thrown at once; None for planned throws alone."""
-    clean: int = 10
+    clean_samples: int = 10
     """Samples in a row that have to be within these limits before a throw ends."""
     goals: int | None = None
     """Number of targets that are drawn, for throws by plan and at limits; None for one a planned throw."""
@@ -103,7 +103,7 @@ class UptimeBoard(AbstractBoard):
         up = tip_is_up(x, *lengths, self.height)
         # Each row has the time since the one before it.
         share = 0.0 if fault else float(np.diff(time, prepend=time[0])[up].sum()) / self.duration
-        whole = time[-1] - time[0] >= SHARE * self.duration
+        whole = time[-1] - time[0] >= MIN_SPAN * self.duration
         success = bool(whole and stop is None and fault is None and up[-1])
         tip = TipHistory(float(tip_heights(x, *lengths).max()), sum(lengths), None)
         return Run(case, success, share, fault, tip=tip, stop=stop)
@@ -135,7 +135,7 @@ def draw_resets(board: UptimeBoard, model: Plant, seed: int) -> Resets:
     random = np.random.default_rng(seed)
     plan = _plan(board, random)
     target = random.uniform(-np.pi, np.pi, (board.goals or board.throws, 2))
-    known = board.throw_duration, board.clean, board.limits, board.thrower, model
+    known = board.throw_duration, board.clean_samples, board.limits, board.thrower, model
     return Resets(plan, target, *known, Stop(board.stop))
 
 
@@ -148,5 +148,5 @@ def draw_cell(board: UptimeBoard, model: Plant, seed: int) -> Cell:
 
 def _plan(board: UptimeBoard, random: np.random.Generator) -> np.ndarray:
     """Times of the throws (s)."""
-    mean_times = np.linspace(board.first, board.duration - board.first, board.throws)
+    mean_times = np.linspace(board.first_throw, board.duration - board.first_throw, board.throws)
     return mean_times + random.uniform(-board.jitter, board.jitter, board.throws)

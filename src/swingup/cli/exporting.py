@@ -216,9 +216,9 @@ def rehearsal_lines(found: Rehearsal) -> list[str]:
             median, percentile, maximum = (f"{1e3 * each:.3f}" for each in spread(times).values())
             lines.append(aligned(title, median, f"99 % {percentile}, maximum {maximum}"))
     if found.real_time:
-        lines.append(aligned("Missed deadlines", str(found.missed), f"of {len(found.calls)} calls"))
-    if found.late:
-        lines.append(f"  The simulation itself was late {found.late} times: close other programs and repeat.")
+        lines.append(aligned("Missed deadlines", str(found.missed_deadlines), f"of {len(found.calls)} calls"))
+    if found.late_periods:
+        lines.append(f"  The simulation was late {found.late_periods} times: close other programs and repeat.")
     return lines if found.difference is None else [*lines, f"  {found.difference}"]
 
 

@@ -124,8 +124,8 @@ def evaluate_command(
         design = make_setting(robot, each, **loop).plant
         with foreign_prints_apart(), Progress() as progress:
             found = get_controller(controller, robot, wanted, design=design)
-            told = partial(progress, each.name)
-            result = judge(found, robot, each, seeds, seed=seed, name=controller, progress=told, **loop)
+            report_progress = partial(progress, each.name)
+            result = judge(found, robot, each, seeds, seed=seed, name=controller, progress=report_progress, **loop)
         results.append(result)
         if not json:
             tell(*result_lines(result, judged_name(controller, found)))

@@ -81,7 +81,7 @@ WHAT_TO_TRY = {
     "stopped": "read the reason; swingup export --velocity-limit sets a guard's, --no-guard leaves the guard out",
 }
 """Advice for each of a failure's causes."""
-MOST_SEEDS = 8
+MAX_SHOWN_SEEDS = 8
 """Seeds of failures that a line names."""
 
 
@@ -93,8 +93,8 @@ def _failures(result: Result) -> Iterator[str]:
     for cause in CAUSES:
         those = [(seed, tip.failure) for seed, tip in failed if tip is not None and tip.cause == cause]
         if those:
-            seeds = ", ".join(str(seed) for seed, _ in those[:MOST_SEEDS])
-            more = ", ..." if len(those) > MOST_SEEDS else ""
+            seeds = ", ".join(str(seed) for seed, _ in those[:MAX_SHOWN_SEEDS])
+            more = ", ..." if len(those) > MAX_SHOWN_SEEDS else ""
             yield f"  {len(those)} failed, {cause} (seed {seeds}{more}): {those[0][1]}"
             yield f"    try: {WHAT_TO_TRY[cause]}"
 

@@ -16,13 +16,13 @@ from ..common.checks import finite_number
 from ..common.errors import SwingupError, attribute, duration, errors_named_after
 from ..plant.plant import TORQUE_LIMIT, Robot, get_robot
 from .interface import (
-    DT,
+    TRIAL_DT,
     AbstractController,
     PythonController,
-    answer,
     call_in_turn,
     check_interface,
     check_robot,
+    checked_torques,
     split,
     trial_states,
 )
@@ -65,7 +65,7 @@ def _python_call_time(controller: PythonController, times: np.ndarray, states: n
         call = controller.start()
         for now, x in zip(times, states, strict=True):
             start = time.perf_counter()
-            answer(call, x, float(now))
+            checked_torques(call, x, float(now))
             took.append(time.perf_counter() - start)
             if sum(took) > PATIENCE:
                 break
@@ -166,10 +166,10 @@ def _answers_swapped(source: PythonController) -> bool:
     x = trial_states()[-1]
     call = attribute(source.source, "get_control_output", source.source)
     try:
-        answer(call, x, 0.0)
+        checked_torques(call, x, 0.0)
     except SwingupError:
         with contextlib.suppress(SwingupError):
-            answer(lambda x, t: call(t, x), x, 0.0)
+            checked_torques(lambda x, t: call(t, x), x, 0.0)
             return True
     return False
 
@@ -204,7 +204,8 @@ def _try_compiled(controller: AbstractController[Any]) -> np.ndarray:
     with jax.enable_x64(True):
         check_interface(controller)
         with errors_named_after("running it"):
-            torques = np.asarray(run_calls(*split(controller), jnp.arange(len(states)) * DT, jnp.asarray(states)))
+            times = jnp.arange(len(states)) * TRIAL_DT
+            torques = np.asarray(run_calls(*split(controller), times, jnp.asarray(states)))
     faulty = np.flatnonzero(~np.isfinite(torques).all(axis=1))
     if faulty.size:
         x = np.round(states[faulty[0]], 3).tolist()
@@ -226,7 +227,7 @@ def _try_plain(controller: PythonController) -> tuple[list[str], np.ndarray]:
         )
     x = states[-1].copy()
     with errors_named_after("calling it"):
-        # Called directly: answer() passes a copy, which would hide the change.
+        # Called directly: checked_torques() passes a copy, which would hide the change.
         controller.start()(x, 0.0)
     if not np.array_equal(x, states[-1]):
         findings.append("it changes the measurement that it is given: copy x before altering it")

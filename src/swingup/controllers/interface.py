@@ -119,7 +119,7 @@ class AbstractPlantController(AbstractController[Carry]):
 def call_for_plant(
     controller: AbstractController[Any], carry: Any, t: TimeLike, x: State, base: Any
 ) -> tuple[Any, Torque]:
-    """A call of any controller; one that depends on its plant is told θ."""
+    """A call of any controller; a controller that depends on its plant gets θ."""
     if isinstance(controller, AbstractPlantController):
         return controller.control(carry, t, x, base)
     return controller(carry, t, x)
@@ -171,9 +171,9 @@ def _structure(memory: Any) -> tuple[Any, list[tuple[tuple[int, ...], Any]]]:
     return structure, [(jnp.shape(leaf), jnp.result_type(leaf)) for leaf in leaves]
 
 
-Answer = Callable[[np.ndarray, float], Any]
+TorqueFunction = Callable[[np.ndarray, float], Any]
 
-DT = 0.002
+TRIAL_DT = 0.002
 """Time between the calls of a trial (s)."""
 
 
@@ -193,7 +193,7 @@ class PythonController:
         self.source = source
         self.robot = attribute(source, "robot")
 
-    def start(self) -> Answer:
+    def start(self) -> TorqueFunction:
         """Clear the memory and return what to call with x (4,) (rad, rad/s) and t (s)."""
         for name in ("reset", "init"):
             method = attribute(self.source, name)
@@ -213,7 +213,7 @@ class PythonController:
         return made if number == 1 or are_independent(made[:2]) else [self]
 
 
-def answer(call: Answer, x: np.ndarray, t: float) -> np.ndarray:
+def checked_torques(call: TorqueFunction, x: np.ndarray, t: float) -> np.ndarray:
     """One call, checked: the torques [u1, u2] (N m) as float64."""
     try:
         given = call(x.copy(), t)
@@ -234,7 +234,7 @@ def answer(call: Answer, x: np.ndarray, t: float) -> np.ndarray:
 def call_in_turn(controllers: Sequence[PythonController], states: np.ndarray) -> list[np.ndarray]:
     """Start controllers anew and call them in turn, state by state (n, 4); the answers (n, 2) of each."""
     calls = [controller.start() for controller in controllers]
-    answers = [[answer(call, x, step * DT) for call in calls] for step, x in enumerate(states)]
+    answers = [[checked_torques(call, x, step * TRIAL_DT) for call in calls] for step, x in enumerate(states)]
     return [np.array([row[index] for row in answers]) for index in range(len(calls))]
 
 
@@ -260,7 +260,7 @@ def trial_states() -> np.ndarray:
     return np.concatenate([np.array(chosen, np.float64), random])
 
 
-def _by_keywords(call: Callable[..., Any]) -> Answer:
+def _by_keywords(call: Callable[..., Any]) -> TorqueFunction:
     """The call by the names x and t where it has both, as RealAIGym calls; else in this order."""
     try:
         names = inspect.signature(call).parameters
@@ -271,7 +271,7 @@ def _by_keywords(call: Callable[..., Any]) -> Answer:
     return call
 
 
-class Compiled:
+class CompiledSource:
     """The torques of a controller, compiled when it is made and not in the loop."""
 
     min_pause = 0.0
@@ -286,7 +286,7 @@ class Compiled:
         self.act(np.zeros(4), 0.0)
         self.reset()
 
-    def __deepcopy__(self, known: dict[int, Any]) -> "Compiled":
+    def __deepcopy__(self, known: dict[int, Any]) -> "CompiledSource":
         # Memories are replaced, never altered: a shallow copy has its own, and shares what is compiled.
         return copy.copy(self)
 
@@ -306,7 +306,7 @@ class Compiled:
 
 def loop_controller(
     controller: Any, robot: Robot | str, guard: GuardChoice = None, limit: float = TORQUE_LIMIT
-) -> LoopController[Compiled]:
+) -> LoopController[CompiledSource]:
     """Put a controller in JAX behind the contract of a robot's loop.
 
     Args:
@@ -323,4 +323,4 @@ def loop_controller(
         raise SwingupError("this controller is in plain Python: call it as it is, only those in JAX are compiled")
     check_robot(controller, robot)
     limits = limit * robot.actuation[0], limit * robot.actuation[1]
-    return LoopController(Compiled(controller), robot, limits, choose_guard(guard, None, None))
+    return LoopController(CompiledSource(controller), robot, limits, choose_guard(guard, None, None))

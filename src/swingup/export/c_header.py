@@ -197,8 +197,8 @@ def plant_data(policy: PendulumPolicy) -> Data:
 
 def network_data(policy: PendulumPolicy) -> Data:
     """The network and its observation: folded for the plant, unless an identifier tells it another one."""
-    told = policy.identifier is not None and policy.network.plant_stage is not None
-    network = policy.network if told else policy.folded
+    sees_identified_plant = policy.identifier is not None and policy.network.plant_stage is not None
+    network = policy.network if sees_identified_plant else policy.folded
     layers = network.layers
     widths = [layers[0].weight.shape[1], *(len(layer.bias) for layer in layers)]
     shapes = [(index, *layer.weight.T.shape, int(index < len(layers) - 1)) for index, layer in enumerate(layers)]

@@ -112,10 +112,10 @@ def cloudpendulum_guard(period: float | None) -> GuardSettings:
 def cloudpendulum_notes(policy: PendulumPolicy) -> list[str]:
     """What does not fit CloudPendulum's cells in a policy, as sentences."""
     return [
-        f"it may command {most:g} N m at the {joint}, and CloudPendulum's motors give {CELL_TORQUE:g}: train one "
+        f"it may command {limit:g} N m at the {joint}, and CloudPendulum's motors give {CELL_TORQUE:g}: train one "
         "for its plant"
-        for joint, most in zip(("shoulder", "elbow"), policy.torque_limits, strict=True)
-        if most > CELL_TORQUE
+        for joint, limit in zip(("shoulder", "elbow"), policy.torque_limits, strict=True)
+        if limit > CELL_TORQUE
     ]
 
 
@@ -192,11 +192,11 @@ def readme_values(policy: PendulumPolicy, name: str) -> dict[str, str]:
 
 
 def _torque(policy: PendulumPolicy) -> str:
-    most, joints = f"at most {policy.torque_limit:g} N m", ("shoulder", "elbow")
+    maximum, joints = f"at most {policy.torque_limit:g} N m", ("shoulder", "elbow")
     joint, passive = joints[policy.robot.joint], joints[1 - policy.robot.joint]
     if policy.identifier is None:
-        return f"{most}, on the {joint} alone"
+        return f"{maximum}, on the {joint} alone"
     return (
-        f"{most} on the {joint}, and compensation of friction: there, and within "
+        f"{maximum} on the {joint}, and compensation of friction: there, and within "
         f"{policy.identifier.passive_limit:g} N m on the {passive}"
     )

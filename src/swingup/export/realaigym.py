@@ -71,8 +71,8 @@ class RealAIGymController:
         """Largest torque on the passive joint (N m)."""
         self._about: dict[str, Any] = {"controller": name}
         if isinstance(controller.inner, NumpyPolicy):
-            policy, told = controller.inner.policy, ("version", "command", "seed")
-            origin = {key: policy.metadata[key] for key in told if key in policy.metadata}
+            policy, keys = controller.inner.policy, ("version", "command", "seed")
+            origin = {key: policy.metadata[key] for key in keys if key in policy.metadata}
             self._about |= {"torque_limit": policy.torque_limit, "policy": origin}
             # The time between calls (s), for callers that give no time.
             self._dt = policy.period or self._dt

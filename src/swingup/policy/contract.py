@@ -112,20 +112,20 @@ class LoopController(Generic[SourceT]):
             SwingupError: x is not four numbers.
         """
         x, t = four_numbers(x), float(t)
-        if self.guard is not None and not self.guard.allows(t, x if measured is None else measured):
-            return self.guard.stopped()
+        if self.guard is not None and not self.guard.accepts_measurement(t, x if measured is None else measured):
+            return self.guard.stop_torques()
         keeps_torques = self._acted < t < self._acted + self.inner.min_pause
         if not keeps_torques:
             self._own, self._acted = self.inner.act(x, t), t
         asked = self._own if added is None else self._own + added
-        u = self._limited(asked) if self.guard is None else self.guard.limited(asked)
+        u = self._clip_torques(asked) if self.guard is None else self.guard.limit_torques(asked)
         # An estimator needs what the motors were given. The caller's torques belong to the plant, which then seems
         # to have less friction; else an identifier would compensate it once more.
         if not keeps_torques:
-            self.inner.remember(u if added is None else self._limited(u - added))
+            self.inner.remember(u if added is None else self._clip_torques(u - added))
         return u
 
-    def _limited(self, u: np.ndarray) -> np.ndarray:
+    def _clip_torques(self, u: np.ndarray) -> np.ndarray:
         """Torques within the limits; the driven joint's NaN stays, the passive one's becomes 0."""
         limited: np.ndarray = np.minimum(np.maximum(u, -self._limits), self._limits)
         if math.isnan(limited[self._passive]):

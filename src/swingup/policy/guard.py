@@ -155,7 +155,7 @@ def choose_guard(choice: GuardChoice, own: GuardSettings | None, dt: float | Non
 
 
 class Guard:
-    """Watches one loop: at each call ``allows``, then ``limited`` for the torques, or ``stopped`` instead."""
+    """Watches one loop. A call asks ``accepts_measurement``, then ``limit_torques``, or ``stop_torques`` if not."""
 
     def __init__(self, settings: GuardSettings, joint: int, limits: tuple[float, float]) -> None:
         """Prepare for a loop, whose motors have torque limits of shoulder and elbow (N m)."""
@@ -171,46 +171,46 @@ class Guard:
         self._sample = (0.0, 0.0, 0.0, 0.0)
         self._torques = (0.0, 0.0)
         self._gaps, self._stuck = [0.0, 0.0], 0.0
-        self._broken = False
+        self._measurement_broken = False
         self._standstills = 0
         self._brakes = False
 
-    def allows(self, t: float, x: np.ndarray) -> bool:
+    def accepts_measurement(self, t: float, x: np.ndarray) -> bool:
         """Whether the controller may act on the state x (4,) (rad, rad/s) measured at time t (s)."""
-        fault = self._fault(t, tuple(np.asarray(x, np.float64).tolist()))
+        fault = self._call_fault(t, tuple(np.asarray(x, np.float64).tolist()))
         if fault is not None:
             self._stop(fault)
         return self.fault is None
 
-    def limited(self, u: np.ndarray) -> np.ndarray:
+    def limit_torques(self, u: np.ndarray) -> np.ndarray:
         """The controller's torques (2,) (N m) within rate and limits; safe ones if one of them is not finite."""
         asked = u.tolist()
         for joint in (0, 1):
             if not math.isfinite(asked[joint]):
                 # Short of an estimator nothing can be computed from a broken measurement: the last torques are
                 # held.
-                if self._broken:
+                if self._measurement_broken:
                     return np.array(self._torques)
                 self._stop(Fault(Reason.TORQUE, self._time, joint, asked[joint]))
-                return self.stopped()
+                return self.stop_torques()
         change = self._rate * self._step
-        first, second = (
+        shoulder, elbow = (
             max(-limit, min(limit, max(before - change, min(before + change, torque))))
             for torque, before, limit in zip(asked, self._torques, self._limits, strict=True)
         )
-        self._torques = first, second
+        self._torques = shoulder, elbow
         return np.array(self._torques)
 
-    def stopped(self) -> np.ndarray:
+    def stop_torques(self) -> np.ndarray:
         """The torques (2,) (N m) of a stopped controller: none, or damping while the measurement is sound."""
         self._torques = (0.0, 0.0)
-        kd, most = self.settings.braking, MAX_BRAKED_RATIO * self.settings.velocity_limit
+        kd, max_rate = self.settings.braking, MAX_BRAKED_RATIO * self.settings.velocity_limit
         if self._brakes:
-            first, second = (
-                max(-limit, min(limit, -kd * rate)) if abs(rate) <= most else 0.0
+            shoulder, elbow = (
+                max(-limit, min(limit, -kd * rate)) if abs(rate) <= max_rate else 0.0
                 for rate, limit in zip(self._sample[2:], self._limits, strict=True)
             )
-            self._torques = first, second
+            self._torques = shoulder, elbow
         return np.array(self._torques)
 
     def _stop(self, fault: Fault) -> None:
@@ -219,7 +219,7 @@ class Guard:
         self._brakes = motion and self.settings.braking > 0 and (self.fault is None or self._brakes)
         self.fault = self.fault or fault
 
-    def _fault(self, t: float, x: tuple[float, ...]) -> Fault | None:
+    def _call_fault(self, t: float, x: tuple[float, ...]) -> Fault | None:
         """What is wrong with this call, if anything; takes the call in."""
         pause = t - self._time
         first = self._time == -math.inf
@@ -233,14 +233,14 @@ class Guard:
             return Fault(Reason.LATE, t, -1, pause)
         # A loop that calls twice at one time must not stop the gaps from growing.
         self._step = self.settings.dt if first or pause == 0 else pause
-        return self._unsound(t, x, first)
+        return self._measurement_fault(t, x, first)
 
-    def _unsound(self, t: float, x: tuple[float, ...], first: bool) -> Fault | None:
+    def _measurement_fault(self, t: float, x: tuple[float, ...], first: bool) -> Fault | None:
         """What is wrong with the measurement, if anything."""
         s, driven, before = self.settings, self._joint, self._sample
         finite = [math.isfinite(x[i]) and math.isfinite(x[i + 2]) for i in (0, 1)]
         same = [not first and x[i] == before[i] and x[i + 2] == before[i + 2] for i in (0, 1)]
-        self._broken = not all(finite)
+        self._measurement_broken = not all(finite)
         for i in (0, 1):
             shows = finite[i] and (not same[i] or x[i + 2] == 0)
             self._gaps[i] = 0.0 if shows else self._gaps[i] + self._step
@@ -251,9 +251,9 @@ class Guard:
         q1, q2, v1, v2 = (x[i] if finite[i % 2] else before[i] for i in range(4))
         self._sample = q1, q2, v1, v2
         # Nothing may brake by a broken measurement.
-        borne = s.longest_gap if self.fault is None else 0.0
+        max_gap = s.longest_gap if self.fault is None else 0.0
         for i in (0, 1):
-            if not finite[i] and self._gaps[i] > borne:
+            if not finite[i] and self._gaps[i] > max_gap:
                 return Fault(Reason.NOT_FINITE, t, i, x[i] if not math.isfinite(x[i]) else x[i + 2])
         for i in (0, 1):
             # Where a joint is not finite, this is its sample before, which was within the limits.

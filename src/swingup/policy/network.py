@@ -175,10 +175,10 @@ def checked(stage: Stage) -> Stage:
     return replace(stage, **in_range(stage))
 
 
-def _within(values: Array, most: float) -> Array:
-    """Values within ± most; NaN stays."""
+def _within(values: Array, limit: float) -> Array:
+    """Values within ± limit; NaN stays."""
     xp = values.__array_namespace__()
-    return xp.minimum(xp.maximum(values, -most), most)
+    return xp.minimum(xp.maximum(values, -limit), limit)
 
 
 FLOAT32_SUM_WIDTH = 64

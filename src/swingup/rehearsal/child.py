@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-LONGEST_TEXT = 300
+MAX_ERROR_LENGTH = 300
 """Characters of a foreign error."""
 
 
@@ -128,7 +128,7 @@ def main() -> None:
         send({"fault": f"it {fault}"})
     # All of them: an exit would otherwise look like a crash.
     except BaseException as error:
-        send({"fault": f"{doing} raised {type(error).__name__} ({str(error)[:LONGEST_TEXT]})"})
+        send({"fault": f"{doing} raised {type(error).__name__} ({str(error)[:MAX_ERROR_LENGTH]})"})
 
 
 if __name__ == "__main__":

@@ -136,7 +136,7 @@ class FolderProcess(AbstractContextManager["FolderProcess"]):
         try:
             self._connection.send_bytes(json.dumps(message).encode())
         except ConnectionError:
-            # A fault may have been told before the process ended; else its end is the fault.
+            # The process may have sent a fault before it ended; else its end is the fault.
             self._answer(time.perf_counter() + 1.0, 1.0)
 
     def _answer(self, end: float, timeout: float) -> dict[str, Any]:
@@ -170,9 +170,9 @@ class Timing:
     """Time inside each call."""
     sent: list[float] = field(default_factory=list)
     """When each call began."""
-    missed: int = 0
+    missed_deadlines: int = 0
     """Periods that ended without an answer: the motors kept the torques before."""
-    late: int = 0
+    late_periods: int = 0
     """Periods that began late because the simulation, not the controller, was slow."""
 
     @property
@@ -204,7 +204,7 @@ class FolderController:
         reply = self._process.receive(end - time.perf_counter())
         self._busy = reply is None
         if reply is None:
-            self.timing.missed += 1
+            self.timing.missed_deadlines += 1
         else:
             self._held, seconds = reply
             self.timing.calls.append(seconds)
@@ -214,7 +214,7 @@ class FolderController:
         """Wait for the period that begins at time t (s) of the simulation; when it began."""
         now, due = time.perf_counter(), self._begin + t - self._time
         # A loop that is late does not catch up: its next period begins now, as a robot's does.
-        self.timing.late += math.isfinite(due) and not self._busy and now > due + 0.5 * period
+        self.timing.late_periods += math.isfinite(due) and not self._busy and now > due + 0.5 * period
         if due - now > WATCHED_TIME:
             time.sleep(due - now - WATCHED_TIME)
         while (now := time.perf_counter()) < due:

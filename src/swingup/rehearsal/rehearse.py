@@ -59,14 +59,14 @@ class Rehearsal:
         return [each for timing in self.timings for each in timing.periods]
 
     @property
-    def missed(self) -> int:
+    def missed_deadlines(self) -> int:
         """Periods that ended without an answer."""
-        return sum(timing.missed for timing in self.timings)
+        return sum(timing.missed_deadlines for timing in self.timings)
 
     @property
-    def late(self) -> int:
+    def late_periods(self) -> int:
         """Periods that began late because the simulation was slow."""
-        return sum(timing.late for timing in self.timings)
+        return sum(timing.late_periods for timing in self.timings)
 
     def as_dict(self) -> dict[str, Any]:
         """Ready for JSON: the judge's result, and what a folder adds; times in s."""
@@ -81,17 +81,17 @@ class Rehearsal:
             "calls": spread(self.calls),
             "real_time": self.real_time,
             "periods": spread(self.periods) if self.real_time else None,
-            "missed": self.missed if self.real_time else None,
-            "late": self.late if self.real_time else None,
+            "missed_deadlines": self.missed_deadlines if self.real_time else None,
+            "late_periods": self.late_periods if self.real_time else None,
         }
 
 
 def spread(seconds: Sequence[float]) -> dict[str, float]:
-    """Median, 99th percentile and longest of measured times (s)."""
+    """Median, 99th percentile and maximum of measured times (s)."""
     if not seconds:
         return {}
-    middle, most = np.percentile(seconds, [50, 99]).tolist()
-    return {"p50": middle, "p99": most, "longest": max(seconds)}
+    median, percentile = np.percentile(seconds, [50, 99]).tolist()
+    return {"p50": median, "p99": percentile, "maximum": max(seconds)}
 
 
 SEEDS = 10

@@ -18,7 +18,7 @@ from ..benchmark.board import AbstractBoard
 from ..benchmark.disturbances import DisturbanceSettings, PushRules
 from ..benchmark.judge import judge
 from ..benchmark.leaderboard import DEFAULT_BOARDS, ENTRANTS, OURS, Row, Table, entrants_for, leaderboard
-from ..benchmark.recording import LEAST, checked_rows
+from ..benchmark.recording import MIN_ROWS, checked_rows
 from ..benchmark.robustness_board import CRITERIA
 from ..benchmark.rollout import Trajectory
 from ..benchmark.runner import StageProgress
@@ -267,7 +267,7 @@ def _drawable(show: Show) -> dict[str, Trajectory]:
         with np.errstate(over="ignore"):
             finite = [np.isfinite(np.asarray(part, np.float32)) for part in (given.time, given.x, given.u)]
         kept = np.logical_and.accumulate(finite[0] & finite[1].all(axis=1) & finite[2].all(axis=1))
-        if kept.sum() >= LEAST:
+        if kept.sum() >= MIN_ROWS:
             runs[run] = checked_rows(given.take(kept), f"trajectory of {one_line(show.name)}")
     return runs
 
