@@ -17,7 +17,6 @@ from swingup import AREAPO
 from swingup.benchmark.boards import ROBUSTNESS
 from swingup.controllers.baselines.upright import linearised
 from swingup.dynamics.dynamics import UPRIGHT
-from swingup.plant.base_parameters import BASE, BASE_NAMES
 from swingup.plant.plant import LEADERBOARD, get_robot
 from swingup.report import draw
 from swingup.tasks.acrobot_swingup import AcrobotSwingup, magnified
@@ -103,43 +102,6 @@ def test_pictures_and_verdicts_of_the_stored_runs(run, script):
     assert words == ["refuted", "no effect", "not enough power"]
 
 
-def test_rates_while_training_beside_the_published_ones(run, tmp_path):
-    rates = [0.0] * 90 + [5.0] * 10  # their mean is 0.5; random actions have -0.45, PPO with centred rewards 1.41
-    row = {"run": ["Ant"], "seed": 0, "scores": rates, "resets": rates, "deterministic": 6.0}
-    (tmp_path / "runs.jsonl").write_text(json.dumps(row) + "\n")
-    found, _ = run("continuing", "Ant", "Hopper", "--seeds", "0", "--study", tmp_path / "runs.jsonl")
-    assert found[3] == ["Ant", "-0.45", "1.38", "1.41", "0.500", "51 %", "5.000", "6.000", "5.00", "1"]
-    assert found[4][4] == "not run"
-
-
-def test_both_selections_of_the_papers_runs(run, tmp_path):
-    def write(seed, scores, last_frames):
-        """Evenly spaced evaluations, a second for each 10,000 frames, and a row without evaluation."""
-        rows = [{"seed": seed, "frames": 1, "seconds": 0.1}]
-        for k, score in enumerate(scores, start=1):
-            frames = last_frames * k // len(scores)
-            rows.append({"seed": seed, "frames": frames, "seconds": frames / 1e4, "score": score})
-        path = tmp_path / f"acrobot-paper-{seed}.jsonl"
-        path.write_text("".join(json.dumps(row) + "\n" for row in rows))
-        return path
-
-    # Twenty evaluations: the last tenth are two, whose medians are 0.55 and 0.2.
-    whole = write(0, [0.0] * 9 + [0.52, *[0.61] * 7, 0.64, 0.5, 0.6], 50_000_000)
-    short = write(1, [0.0] * 18 + [0.3, 0.1], 20_000_000)
-    rows, (figure,) = run("paper_runs", whole, short, "--plot", "picture.svg")
-    first, second, together = (row for row in rows if row[0].startswith("acrobot"))
-    assert first == [
-        "acrobot, seed 0", "50.0 M", "0.640 (45.0 M)", "0.550", "0.600",
-        "25.0 M (2,500 s)", "27.5 M (2,750 s)", "27.5 M (2,750 s)", "45.0 M (4,500 s)",
-    ]  # fmt: skip
-    assert second == [
-        "acrobot, seed 1", "20.0 M of 50 M, incomplete", "0.300 (19.0 M)", "0.200", "0.100", *["not reached"] * 4,
-    ]  # fmt: skip
-    # The best of all checkpoints; the median of 0.55 and 0.2; the paper's own score.
-    assert together == ["acrobot", "2 (1 incomplete)", "0.640", "0.375", "0.633"]
-    assert [len(line.get_xdata()) for line in figure.axes[0].get_lines()[:2]] == [20, 20]
-
-
 def test_within_the_range_the_largest_torque_turns_the_slowest_mode_back(robot):
     plant, limit = LEADERBOARD.driven(robot), 6.0
     most = runpy.run_path(str(BENCHMARKS / "holding_range.py"))["holding_range"](plant, robot)
@@ -180,16 +142,6 @@ def test_a_policy_file_of_dm_controls_acrobot_earns_in_mujoco_what_it_earns_in_t
             taken = step(state, model.predict(magnified(np.asarray(observe(state)))), jax.random.key(0))
             state, total = taken.state, total + float(taken.reward)
         assert total == pytest.approx(expected, rel=1e-3)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("preset", ["mujoco", "ppo"])
-def test_constants_and_units_of_rewards_and_observations_do_not_matter(preset, script):
-    """Pendulum-v1 itself pays about -1,200 before it is learned, and -150 at its best."""
-    constants = script("constants")
-    learn = constants.learner(preset, 1, 300_000)
-    returns = {str(change): learn(constants.Pendulum(**change)).item() for change in constants.CHANGES}
-    assert min(returns.values()) > -300, returns
 
 
 HELD = {"acrobot": (8, 8, 16, 19, 7), "pendubot": (29, 30, 27, 22, 26)}
@@ -236,21 +188,3 @@ def test_the_optimum_of_a_plant_is_held_and_scored(script):
     assert found.reached
     assert found.held
     assert found.score == pytest.approx(0.69, abs=0.02)
-
-
-def test_errors_are_relative_to_the_value_or_the_range(script):
-    errors = script("adaptive_errors")
-    true = np.tile([0.1, 0.05, 0.2, 0.2, 0.0, 0.05, 0.0, -0.1, 0.0], (3, 1))
-    found = np.repeat(true[:, None], 1501, axis=1)
-    found[:, 500, 0] += [0.001, 0.002, -0.003]  # of 0.1
-    found[:, 500, 5] += [0.001, 0.001, 0.001]  # of the range 0.1
-    time, bands = 0.002 * np.arange(1501), errors.error_bands(found, true)
-    assert bands.shape == (3, 1501, BASE)
-    lines = {line[0].split(",")[0]: line for line in errors.error_lines(time, bands)}
-    # Percentiles interpolate: 5 % lies a tenth of the way from the least to the middle one.
-    assert lines["A"] == ["A, % of its value", "0.0 (0.0 to 0.0)", "2.0 (1.1 to 2.9)", "0.0 (0.0 to 0.0)"]
-    assert lines["b2"][0] == "b2, % of 0.1 N m s/rad"
-    assert lines["b2"][2] == "1.0 (1.0 to 1.0)"
-    at_1_s = [row for row in errors.error_rows(time, bands) if row["time"] == 1.0]
-    assert [row["parameter"] for row in at_1_s] == list(BASE_NAMES)
-    assert at_1_s[0]["median"] == pytest.approx(2.0)

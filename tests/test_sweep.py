@@ -4,7 +4,6 @@ import json
 import math
 import multiprocessing
 import os
-import re
 import shlex
 import shutil
 import signal
@@ -18,7 +17,7 @@ import pytest
 
 import swingup
 from refusals import refusal
-from swingup.cli import main, sweeping
+from swingup.cli import main
 from swingup.cli.sweeping import _alternatives
 from swingup.common.errors import SwingupError
 from swingup.learner.metrics import read_metrics
@@ -206,15 +205,6 @@ def test_rows_summarise_by_hand():
     assert (row["score"], row["best_score"], row["runs"], row["reward_rate"]) == (2.5, 3.5, 8, 2.0)
     assert row["interval"][0] < 2.5 < row["interval"][1]
     assert math.isnan(row["resets_per_1000_steps"])
-
-
-def test_a_sweep_of_one_seed_has_no_interval_and_a_plain_folder(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sweeping, "run_jobs", lambda jobs, pool, progress: [{"score": 84.2, "best_score": 90.0}])
-    assert main(["sweep", "--env", "gymnasium:CartPole-v1", "--seeds", "1"]) == 0
-    assert re.search(r"84\.2 +– +90", capsys.readouterr().out)
-    (row,) = json.loads((tmp_path / "sweeps" / "gymnasium-CartPole-v1-mujoco" / "sweep.json").read_text())
-    assert (row["score"], row["interval"]) == (84.2, None)
 
 
 # Searches

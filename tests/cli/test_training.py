@@ -4,9 +4,7 @@ import dataclasses
 import json
 import os
 import re
-import shlex
 import signal
-import sys
 import threading
 import time
 from pathlib import Path
@@ -14,13 +12,12 @@ from pathlib import Path
 import pytest
 
 from policies import lone_policy
-from swingup.benchmark.boards import BOARDS
 from swingup.cli import main
 from swingup.common.settings import read_settings
 from swingup.learner.metrics import read_metrics
 from swingup.loop.starts import Starts
 from swingup.policy.estimator import EstimatorSettings
-from swingup.policy.shipped import DEFAULT, load_policy
+from swingup.policy.shipped import load_policy
 from swingup.refine import adapt, recipe
 from swingup.refine.recipe import RECIPES, RECOVER_ON_MANY
 from swingup.refine.teachers import PlantDraws
@@ -62,28 +59,6 @@ def test_ctrl_c_ends_the_command(capsys):
     frames = read_metrics("r/metrics.jsonl")[-1]["frames"]
     assert f"{frames:012d}.safetensors" in os.listdir("r/checkpoints")
     assert os.path.exists("r/last.safetensors")
-
-
-@pytest.mark.slow
-def test_a_short_demonstration_and_its_next_commands(capsys, monkeypatch, small_grid, entrants):
-    pytest.importorskip("jinja2", reason="Jinja is not installed")
-    monkeypatch.setattr(sys, "argv", ["swingup"])
-    monkeypatch.setitem(BOARDS, "robustness", small_grid)
-    assert main(["demo", "pendubot", "--frames", "150000"]) == 0
-    output, folder = capsys.readouterr(), Path("runs/demo-pendubot")
-    assert "paper's 0.659" in output.err
-    frames = [(row["seed"], row["frames"]) for row in read_metrics(folder / "metrics.jsonl")]
-    # Whole iterations of 64 × 128 frames, of both seeds.
-    assert frames == [(seed, number) for number in (65_536, 131_072, 155_648) for seed in (0, 1)]
-    page = (folder / "page.html").read_text(encoding="utf-8")
-    shown = json.loads(page.partition('id="data">')[2].partition("</script>")[0])["sections"][0]
-    names = [show["name"] for show in shown["shows"]]
-    assert names == ["your policy", "your policy at first", DEFAULT, "ar-eapo"]
-    assert shown["policy"] is not None
-    entrants("ar-eapo")
-    for line in output.out.splitlines()[-5::2]:
-        words = shlex.split(line)[1:]
-        assert main([*words, *(["--frames", "8192"] if words[0] == "demo" else [])]) == 0, words
 
 
 def tiny(stage):

@@ -183,18 +183,3 @@ def test_another_kind_or_version(path):
         write(path, {"__metadata__": {METADATA: json.dumps(HEAD | changes)}})
         assert message in refusal(path)
         assert len(refusal(path)) < 400
-
-
-def test_truncated_and_other_files(path, tmp_path):
-    save_arrays(path, KIND, VERSION, {}, {"a": np.arange(5.0)})
-    good = path.read_bytes()
-    for content in (
-        *(good[:size] for size in (0, 1, 7, 8, 9, 100, -1, -22)),
-        *(start + bytes(1000) for start in (b"PK\x03\x04 an archive", b"\x93NUMPY\x01\x00", b"\x80\x04. a pickle")),
-    ):
-        path.write_bytes(content)
-        assert_foreign(path)
-    assert refusal(tmp_path / "none.safetensors").startswith("no such file: ")
-    assert refusal(tmp_path).startswith("cannot read ")
-    with pytest.raises(SwingupError, match="is not a swingup thing file"):
-        read("a\x00b")

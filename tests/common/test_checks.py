@@ -87,17 +87,6 @@ def test_one_line():
     assert len(one_line("\x00" * 300)) == 300  # escapes count too
 
 
-def test_quoted():
-    for value, text in (
-        ("a\nb", r"'a\nb'"),
-        (0.1, "0.1"),
-        (list(range(100)), "[0, 1, 2, 3, 4, 5, ...]"),
-        ({"a": [1]}, "{'a': [1]}"),
-        (Bad(SystemExit("no")), "<Bad whose repr raises SystemExit>"),
-    ):
-        assert quoted(value) == text
-
-
 def test_quoted_is_short_and_costs_nothing():
     nested = ["lol"] * 9
     for _ in range(8):

@@ -13,12 +13,7 @@ from swingup.benchmark.robustness_board import upright
 from swingup.benchmark.rollout import Scenario
 from swingup.benchmark.runner import run_one
 from swingup.controllers.baselines import baselines, continuation
-from swingup.controllers.baselines.baselines import (
-    baseline,
-    design_of,
-    in_real_units,
-    shipped_reference,
-)
+from swingup.controllers.baselines.baselines import baseline, design_of, in_real_units, shipped_reference
 from swingup.controllers.baselines.continuation import (
     ContinuationSettings,
     accepted,

@@ -41,7 +41,6 @@ def wrapped(angle):
     return np.angle(np.exp(1j * angle))
 
 
-RPM = "dq1=vel_meas1:rpm dq2=vel_meas2:rpm"
 ABSOLUTE, SWAPPED = "q2=pos_meas2-pos_meas1 dq2=vel_meas2-vel_meas1", "u1=tau_con2 u2=tau_con1"
 CONVENTIONS = {
     "absolute, up": (lambda c: {"q1": c.q1 - PI, "q2": c.q1 + c.q2 - PI, "d2": c.d1 + c.d2},
@@ -51,24 +50,14 @@ CONVENTIONS = {
     "mN m": (each("u", lambda u: 1000 * u), "u1=tau_con1:mNm u2=tau_con2:mNm"),
     "milliseconds": (lambda c: {"t": np.round(1000 * c.t)}, "time=time:ms"),
     "torques swapped": (lambda c: {"u1": c.u2, "u2": c.u1}, SWAPPED),
-    "folded": (lambda c: {"q2": c.q2 + PI}, "q2=pos_meas2+pi"),
-    "turns, rpm": (lambda c: each("q", lambda q: q / TURN)(c) | each("d", lambda d: d * 60 / TURN)(c),
-                   f"q1=pos_meas1:turns q2=pos_meas2:turns {RPM}"),
     "velocities swapped": (lambda c: {"d1": c.d2, "d2": c.d1}, "dq1=vel_meas2 dq2=vel_meas1"),
     "one in mN m": (lambda c: {"u2": 1000 * c.u2}, "u2=tau_con2:mNm"),
-    "velocity reversed": (lambda c: {"d1": -c.d1}, "dq1=-vel_meas1"),
     "horizontal": (lambda c: {"q1": c.q1 - PI / 2}, "q1=pos_meas1+pi/2"),
     "up in degrees": (lambda c: {"q1": np.degrees(c.q1) - 180, "q2": np.degrees(c.q2)},
                       "q1=pos_meas1+180:deg q2=pos_meas2:deg"),
     "joints swapped": (lambda c: dict(zip(SHORT[1:], (c.q2, c.q1, c.d2, c.d1, c.u2, c.u1), strict=True)),
                        f"q1=pos_meas2 q2=pos_meas1 dq1=vel_meas2 dq2=vel_meas1 {SWAPPED}"),
-    "torques swapped, one reversed": (lambda c: {"u1": -c.u2, "u2": c.u1}, "u1=tau_con2 u2=-tau_con1"),
-    "one in degrees": (lambda c: {"q1": np.degrees(c.q1)}, "q1=pos_meas1:deg"),
-    "the other in degrees": (lambda c: {"q2": np.degrees(c.q2), "d2": np.degrees(c.d2)},
-                             "q2=pos_meas2:deg dq2=vel_meas2:deg/s"),
-    "N cm": (each("u", lambda u: 100 * u), "u1=tau_con1:Ncm u2=tau_con2:Ncm"),
     "oz in": (each("u", lambda u: u / 0.00706155), "u1=tau_con1:ozin u2=tau_con2:ozin"),
-    "one in oz in": (lambda c: {"u1": c.u1 / 0.00706155}, "u1=tau_con1:ozin"),
     "deg/s beside rad": (each("d", np.degrees), "dq1=vel_meas1:deg/s dq2=vel_meas2:deg/s"),
     "counts that wrap": (each("q", lambda q: np.round(q * 8192 / TURN) % 8192),
                          "q1=pos_meas1:counts/8192 q2=pos_meas2:counts/8192"),
@@ -179,14 +168,9 @@ FILES = {
     "semicolons": (as_text(";"), ""),
     "decimal commas": (as_text(";", ","), ""),
     "tabs and decimal commas": (as_text("\t", ",", encoding="utf-16"), ""),
-    "spaces": (as_text("   "), ""),
-    "bars": (as_text("|"), ""),
     "comments": (as_text(above=["# robot: mine, blue", "% 500 Hz"]), ""),
     "quoted": (as_text(names=[f'"{name}"' for name in NAMES], encoding="utf-8-sig"), ""),
     "a row of units": (as_text(";", below=["s;rad;rad;-;rad/s;N·m;Nm"]), ""),
-    "numpy's text": (as_text(" ", names=["#", *NAMES]), ""),
-    "a header with commas": (as_text(" ", names=[HEADER]), ""),
-    "numbers above": (as_text(above=["fs,500"]), ""),
     "comments within": (edited(as_text(), lambda lines: [*lines[:70], "  # pause", '"# hot"', *lines[70:]]), ""),
     "quoted decimal commas": (
         edited(as_text(";", ","), lambda lines: ['"' + each.replace(";", '","') + '"' for each in lines]), ""
@@ -201,17 +185,11 @@ FILES = {
     "structures in an array": (
         as_mat(True, lambda q: {"joint": np.array([(q[:, :1],), (q[:, 1:],)], [("q", object)])}), "q1=1.q q2=2.q"
     ),
-    "mat, -v7": (as_mat(True), ""),
     "other names": (as_text(names=OTHERS), "time=timestamp_ms:ms q1=theta1 q2=theta2 dq1=omega1 dq2=omega2 "
                     "u1=motor_torque1 u2=motor_torque2"),
-    "joints 0 and 1": (as_text(names=["t", "q0", "q1", "dq0", "dq1", "tau0", "tau1"]),
-                       "q1=q0 q2=q1 dq1=dq0 dq2=dq1 u1=tau0 u2=tau1"),
     "german": (as_text(";", ",", GERMAN, encoding="latin-1"), "time=Zeit|q1=Winkel Schulter|q2=Winkel Ellbogen|"
                "dq1=Drehzahl Schulter|dq2=Drehzahl Ellbogen|u1=Drehmoment Schulter|u2=Drehmoment Ellbogen"),
     "ROS": (with_stamps, "time=sec+nanosec*1e-09"),
-    "joints in brackets": (as_text(names=["Time", *(f"{each} ({joint})" for each in ("Pos", "Vel")
-                                                   for joint in ("shoulder", "elbow")), *NAMES[5:]]),
-                           "time=Time|q1=Pos (shoulder)|q2=Pos (elbow)|dq1=Vel (shoulder)|dq2=Vel (elbow)"),
     "numbers in brackets": (as_text(names=["t", "q[0]", "q[1]", "qd[0]", "qd[1]", "tau[0] (Nm)", "tau[1] (Nm)"]),
                             "q1=q[0] q2=q[1] dq1=qd[0] dq2=qd[1] u1=tau[0] u2=tau[1]"),
     "torques of other names": (as_text(names=[*NAMES[:5], "torque1", "torque2"]), "u1=torque1 u2=torque2"),
@@ -298,21 +276,12 @@ ROWS = {
     "rounded": (put(ALL, TIME, lambda table: np.round(0.002 * np.arange(len(table)), 2)), "several share"),
     "first velocity": (put(0, slice(3, 5), np.nan), ""),
     "no measurement": (put(slice(500, 520), MEASURED, np.nan), "20 rows lack a time or an angle"),
-    "zeros": (put(slice(900, 908), MEASURED, 0.0), "dropouts"),
-    "late rows": (lambda table: np.insert(table, [300, 800], table[[299, 798]], axis=0), "2 rows repeat the time"),
     "restarts": (lambda table: table - np.outer(np.arange(len(table)) > 900, table[901, 0] * np.eye(7)[0]),
                  "the time restarts 1 times: read as 2 episodes"),
     "episodes": (lambda table: np.column_stack([table[:, 0], np.roll(table[:, 1:], 900, axis=0)]), "jump 1 times"),
     "160 Hz, a gap": (jittered, "time jumps by 2"),
-    "20 Hz": (lambda table: table[::23], "below 33 Hz parameters come out wrong"),
     "no torques": (put(ALL, slice(5, 7), 0.0), "torques are all zero"),
-    "torques now and then": (
-        put(ALL, slice(5, 7), lambda table: np.where(np.arange(len(table))[:, None] % 5, np.nan, table[:, 5:])),
-        "torques are missing in 80% of the rows",
-    ),
     "rows twice": (lambda table: np.repeat(table, 2, axis=0), "repeat the one before and its time"),
-    "a constant torque": (put(ALL, 5, 0.3), "torque 1 is 0.3 N m in every row"),
-    "one torque at its limit": (put(ALL, 5, lambda table: np.sign(table[:, 5])), "torque 1 stands at ±1 N m in"),
 }  # fmt: skip
 """Rows that a log may have, and what is said of them."""
 

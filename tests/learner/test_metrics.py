@@ -13,14 +13,7 @@ from policies import new_actor
 from swingup.cli.training import _show_rates, figures
 from swingup.controllers.stack.policy import Policy
 from swingup.learner.compiled_backend import SwingUpEvaluator
-from swingup.learner.metrics import (
-    Evaluation,
-    MetricsWriter,
-    Row,
-    TrainingMetrics,
-    read_metrics,
-    step_time,
-)
+from swingup.learner.metrics import Evaluation, MetricsWriter, Row, TrainingMetrics, read_metrics, step_time
 from swingup.learner.progress import TrainingReport
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, ROBOTS
@@ -126,7 +119,7 @@ def test_the_swing_up_is_judged_on_the_tasks_plant(either_robot, similar):
         for each, plant in zip((task, twin), plants, strict=True)
     ]
     # A constant torque of 6 N m, and of 0.025 times that: Σ u² Δt over 4,999 rows of 0.002 s.
-    costs = [result["torque_cost"] for result in results]
+    costs = [result.criteria.torque_cost for result in results]
     assert costs == pytest.approx([36 * 9.998, 0.15**2 * 9.998], rel=1e-6)
 
 

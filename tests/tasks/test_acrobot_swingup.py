@@ -10,13 +10,7 @@ import pytest
 from swingup.dynamics.integrate import rk4_step
 from swingup.loop.starts import winnable_states
 from swingup.plant.files import load_plant
-from swingup.tasks.acrobot_swingup import (
-    CAPSULES,
-    MJCF,
-    AcrobotPractice,
-    AcrobotSwingup,
-    magnified,
-)
+from swingup.tasks.acrobot_swingup import CAPSULES, MJCF, AcrobotPractice, AcrobotSwingup, magnified
 from swingup.tasks.pendulum import PendulumState
 
 
