@@ -7,9 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swingup.benchmark.board import Case
+from swingup.benchmark.board import Case, Result
 from swingup.benchmark.judge import judge
-from swingup.benchmark.result import Result
 from swingup.benchmark.robustness_board import (
     SWEPT_CRITERIA,
     ModelSweep,

@@ -11,13 +11,13 @@ from .common.errors import SwingupError
 
 if TYPE_CHECKING:
     from .benchmark.board import AbstractBoard as AbstractBoard
+    from .benchmark.board import Result as Result
     from .benchmark.boards import BOARDS as BOARDS
     from .benchmark.disturbances import DisturbanceSettings as DisturbanceSettings
     from .benchmark.judge import judge as judge
     from .benchmark.judge import score as score
     from .benchmark.leaderboard import Table as Table
     from .benchmark.leaderboard import leaderboard as leaderboard
-    from .benchmark.result import Result as Result
     from .controllers.baselines.baselines import baseline as baseline
     from .controllers.check import check_controller as check_controller
     from .controllers.interface import AbstractController as AbstractController
@@ -46,7 +46,7 @@ _HOMES = {
     "DisturbanceSettings": "benchmark.disturbances",
     "Plant": "plant.plant",
     "RealAIGymController": "export.realaigym",
-    "Result": "benchmark.result",
+    "Result": "benchmark.board",
     "Table": "benchmark.leaderboard",
     "Rehearsal": "rehearsal.rehearse",
     "adapt": "refine.adapt",

@@ -48,7 +48,7 @@ def test_a_folder_scores_as_its_policy_does_in_the_judge(form, judged, tmp_path)
     assert (found.folder.form, result.robot, found.facts["packages"]) == (form, "acrobot", ["numpy"])
     assert result.criteria.score == pytest.approx(judged.criteria.score if whole else 0.0, abs=1e-9)
     np.testing.assert_allclose(result.trajectory.x, judged.trajectory.x[: rules.steps], atol=1e-9)
-    assert len(found.calls) == rules.steps
+    assert len(found.timing.calls) == rules.steps
     assert found.difference is None
 
 

@@ -1,10 +1,8 @@
 """The actor's and the critic's networks, with separate hidden layers, and the distributions of the actor's actions.
 
-A sample is kept as a *latent*, the form in which its probability is exact: recovering a Gaussian's sample with
-atanh loses precision near saturation.
-
-Networks take one observation, or a batch whose axis comes last. With the features first, all matrix products of an
-update have a form for which XLA has a fast CPU kernel. ``vmap`` does not reach that form and is a tenth slower.
+A sample is kept as a *latent*, whose probability is exact: atanh of an action loses precision near saturation.
+Networks take one observation, or a batch whose axis comes last: XLA then has fast CPU kernels for the matrix
+products of an update. ``vmap`` does not reach them and is a tenth slower.
 """
 
 import itertools

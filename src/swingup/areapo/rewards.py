@@ -1,16 +1,10 @@
 """What a termination means, and the unit of the rewards.
 
-**Terminations.** A reset may cost reward where the task goes on from a new start (ATRPO, arXiv 2106.07329). The
-values of what follows a step are those of the next row of the rollout, except where the task was reset.
+A reset may cost reward where the task goes on from a new start (ATRPO, arXiv 2106.07329).
 
-**Unit.** The learner learns on rewards divided by the standard deviation of Σ (γλ)^k (r - mean r), so that values
-are near 1. The sum decays by γλ a step, as a δ does in an advantage. ``NormalizeReward`` of Gymnasium has γ alone,
-which average reward cannot have. In units of one step's deviation values are in the tens: their loss then rules the
-gradients' joint norm, and the policy hardly moves. The learner's gains, values and temperature are in this unit;
-the metrics are in the task's.
-
-Without gains nothing takes up a constant in the rewards, and discounted values would have to reach m / (1 - γ) for
-the mean m. There the running mean is subtracted, too (reward centring, arXiv 2405.09999).
+The unit is the standard deviation of Σ (γλ)^k (r - mean r), which decays by γλ a step as a δ does in an advantage:
+values are near 1. In units of one step's deviation values are in the tens: their loss rules the gradients' joint
+norm, and the policy hardly moves. Gains, values and temperature are in this unit, metrics in the task's.
 """
 
 from dataclasses import replace
@@ -107,9 +101,9 @@ def _replaced(
 def scale_rewards(state: LearnerState, rollout: Rollout, config: Config) -> tuple[LearnerState, Rollout]:
     """Divide a rollout's rewards by the unit σ of all rewards so far; without gains, less their mean m.
 
-    ρ and v change with σ and m, so that they stay what they were in the task's units. ρ_H and v_H are in units of
-    σ, as the temperature is. Beside centred values an end of the task, after which nothing follows, has the value
-    -m / (1 - γ).
+    Without gains discounted values would have to reach m / (1 - γ) (reward centring, arXiv 2405.09999). ρ and v
+    change with σ and m, so that they stay what they were in the task's units. ρ_H and v_H are in units of σ, as
+    the temperature is. Beside centred values an end of the task has the value -m / (1 - γ).
     """
     if not config.normalise_rewards:
         return state, rollout

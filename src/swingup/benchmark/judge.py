@@ -16,12 +16,11 @@ from ..controllers.registry import has_estimator
 from ..loop.domain import Domain
 from ..loop.resolve import resolve
 from ..plant.plant import LEADERBOARD, PlantLike, Robot, get_robot
-from .board import AbstractBoard, Case, Run, Setting
+from .board import AbstractBoard, Case, Result, Run, Setting
 from .boards import BOARDS, get_board
 from .disturbances import DisturbanceSettings
 from .plausibility import examine
 from .recording import recorded, scorable_rows
-from .result import Result
 from .rollout import Scenario, SimulatedBatch, Trajectory
 from .runner import Progress, prepare, run_many, stack
 from .swing_up_board import SwingUpBoard

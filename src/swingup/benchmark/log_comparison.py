@@ -19,11 +19,11 @@ from ..identification.segments import Segments, cut_windows
 from ..loop.domain import Domain
 from ..loop.resolve import resolve
 from ..plant.plant import Robot, get_robot
+from .board import Result
 from .boards import HARDWARE
 from .judge import judge, score
 from .plausibility import HANGING_TOLERANCE
 from .recording import driven_robot
-from .result import Result
 from .rollout import Trajectory
 
 MAX_PLANTS = 4

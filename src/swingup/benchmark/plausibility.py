@@ -38,22 +38,20 @@ _SLOWEST, _FACTOR, _RATE = (
     30.0,
     2.0,
     0.05,
-)  # a robot's slowest rate (Hz); a rate's factor and share from the board's
+)  # slowest rate of a robot (Hz); factor and share from the board's rate
 _COMPENSATION, _PASSIVE = 0.5, 0.25  # N m for the passive joint's friction; share of the torque limit; 0.13
 _SLIP, _SLIP_RATE, _COARSEST = (
     0.1,
     8.0,
     0.05,
-)  # rad in a window, and rad/s times a period up to so many s; half of it
+)  # rad in a window, and rad/s times a period up to 0.05 s; half of it
 _STRETCH = (0.005, 0.02)  # velocities too large or too small: a warning, a refusal; 0.0004, a CloudPendulum 0.003
 _CLEAN, _SPEEDS = (0.01, 200.0), (0.1, 10.0)  # rad/s, and rad/s³ times period², at speeds (rad/s) of clean rows
 _STEP = 2e-5  # rad: nine of ten neighbouring angles of an encoder are further apart; 4.8e-5
 _WINDOW, _LONG_WINDOW = 0.1, 0.5  # s in which faults add up; a push adds 0.4 N m to the longer one's mean
 # Unexplained torque of the driven and the passive joint, as shares of gravity's on the level arm (3.8 N m on C.1).
-_TRACE, _DEFECT = (
-    np.full(2, 1e-4),
-    np.full(2, 0.019),
-)  # of clean rows: a warning (RK4: 2e-15, midpoint: 3e-4), a refusal
+# Of clean rows: a warning (RK4: 2e-15, midpoint: 3e-4), a refusal.
+_TRACE, _DEFECT = np.full(2, 1e-4), np.full(2, 0.019)
 _NOISY = np.array([0.5, 0.3])  # of noisy rows: a refusal; 0.21 and 0.14
 _WORK = 0.2  # unexplained share of the energy from hanging to upright (7.6 J on C.1); 0.06
 _SUBSTEPS, _CHUNK = 16, 5_000  # steps of RK4 to the next row; rows at a time, so that all lengths share one program
@@ -108,9 +106,7 @@ def _periods(time: np.ndarray, period: np.ndarray, board: AbstractBoard, clean: 
         yield Finding("short_span", text + ("it scores 0" if scored else "the rest counts as down"))
     uneven = float(np.mean(np.abs(period - usual) > _UNEVEN[0] * usual))
     if longest > _LONGEST * usual or uneven > _UNEVEN[1]:
-        text = (
-            f"its periods reach {longest:.4g} s, their median is {usual:.4g} s, and {uneven:.0%} are far from it: "
-        )
+        text = f"its periods reach {longest:.4g} s, their median is {usual:.4g} s, {uneven:.0%} are far from it: "
         text += f"record all rows, at most {_GAP:g} s apart"
         yield Finding("irregular_periods", text, refuses=scored and longest > _GAP)
     rate = 1 / board.dt

@@ -173,7 +173,10 @@ def _run_compiled(
     number, (arrays, static) = _length(scenarios), split(controller)
     on_cpu = jax.default_backend() == "cpu"
     threads = cores() if on_cpu else 1
-    wanted = MIN_BATCH if on_cpu and _is_sparing(controller) else -(-number // threads)
+    # The whole tree is searched: the MPC stands inside a switch, which may stand behind an estimator.
+    nodes = jax.tree.leaves(controller, is_leaf=lambda node: isinstance(node, AbstractExpensiveController))
+    skips_work = any(isinstance(node, AbstractExpensiveController) for node in nodes)
+    wanted = MIN_BATCH if on_cpu and skips_work else -(-number // threads)
     size = min(number, max(MIN_BATCH, wanted))
     # Parts of one shape need one compilation: the last scenario fills up the last part.
     parts = np.minimum(np.arange(-(-number // size) * size), number - 1).reshape(-1, size)
@@ -194,12 +197,6 @@ def _run_compiled(
     final, faults, rows = jax.tree.map(lambda *leaves: np.concatenate(leaves)[:number], *results)
     what = "it gave a torque that is not finite at t = {:g} s: correct it there"
     return SimulatedBatch(final, [None if k < 0 else what.format(k * span.dt) for k in faults], rows)
-
-
-def _is_sparing(controller: AbstractController[Any]) -> bool:
-    # The whole tree is searched: the MPC stands inside a switch, which may stand behind an estimator.
-    nodes = jax.tree.leaves(controller, is_leaf=lambda node: isinstance(node, AbstractExpensiveController))
-    return any(isinstance(node, AbstractExpensiveController) for node in nodes)
 
 
 def _run_plain(

@@ -117,7 +117,7 @@ class UptimeBoard(AbstractBoard):
 def draw_throws(board: UptimeBoard, model: Plant, seed: int) -> Throws:
     """Random throws: when they come, and where they aim. The PID compensates the model's gravity."""
     random = np.random.default_rng(seed)
-    starts = _plan(board, random)
+    starts = _throw_times(board, random)
     target = random.uniform(-np.pi, np.pi, (board.throws, 2))
     # The benchmark's clock is a sum: its rounding decides whether a throw lasts one step more.
     time = np.concatenate([[0.0], np.cumsum(np.full(board.steps - 1, board.dt))])
@@ -133,7 +133,7 @@ def draw_resets(board: UptimeBoard, model: Plant, seed: int) -> Resets:
     assert board.limits is not None
     assert board.stop is not None
     random = np.random.default_rng(seed)
-    plan = _plan(board, random)
+    plan = _throw_times(board, random)
     target = random.uniform(-np.pi, np.pi, (board.goals or board.throws, 2))
     known = board.throw_duration, board.clean_samples, board.limits, board.thrower, model
     return Resets(plan, target, *known, Stop(board.stop))
@@ -146,7 +146,6 @@ def draw_cell(board: UptimeBoard, model: Plant, seed: int) -> Cell:
     return Cell(example_disturbances(np.random.default_rng(seed)), board.cell, model, Stop(board.stop))
 
 
-def _plan(board: UptimeBoard, random: np.random.Generator) -> np.ndarray:
-    """Times of the throws (s)."""
+def _throw_times(board: UptimeBoard, random: np.random.Generator) -> np.ndarray:
     mean_times = np.linspace(board.first_throw, board.duration - board.first_throw, board.throws)
     return mean_times + random.uniform(-board.jitter, board.jitter, board.throws)

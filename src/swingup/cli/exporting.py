@@ -210,15 +210,15 @@ def rehearsal_lines(found: Rehearsal) -> list[str]:
     limits = "" if found.limits is None else "limits {:.4g} rad, {:.4g} rad/s".format(*found.limits)
     lines = result_lines(found.result, f"{found.folder.entry.name}, {found.folder.form}")
     lines.append(aligned("Guard", guard, limits))
-    measured = {"Call [ms]": found.calls, "Period [ms]": found.periods if found.real_time else []}
-    for title, times in measured.items():
+    timing = found.timing
+    for title, times in {"Call [ms]": timing.calls, "Period [ms]": timing.periods}.items():
         if times:
             median, percentile, maximum = (f"{1e3 * each:.3f}" for each in spread(times).values())
             lines.append(aligned(title, median, f"99 % {percentile}, maximum {maximum}"))
     if found.real_time:
-        lines.append(aligned("Missed deadlines", str(found.missed_deadlines), f"of {len(found.calls)} calls"))
-    if found.late_periods:
-        lines.append(f"  The simulation was late {found.late_periods} times: close other programs and repeat.")
+        lines.append(aligned("Missed deadlines", str(timing.missed_deadlines), f"of {len(timing.calls)} calls"))
+    if late := timing.late_periods:
+        lines.append(f"  The simulation was late {late} times: close other programs and repeat.")
     return lines if found.difference is None else [*lines, f"  {found.difference}"]
 
 

@@ -155,7 +155,6 @@ def _check(name: str, robot: Robot, estimator: bool | None, plant: Plant) -> int
 
 
 def _boards(names: Sequence[str], criteria: Sequence[str] = (), grid: Sequence[str] = ()) -> list[AbstractBoard]:
-    """Boards by name, with other criteria and another grid for robustness."""
     boards = []
     for name in names:
         board = get_board(name)

@@ -8,9 +8,8 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from statistics import median
 
-from ..benchmark.board import CAUSES
+from ..benchmark.board import CAUSES, Result
 from ..benchmark.leaderboard import ON_ROBOT, OURS, Table
-from ..benchmark.result import Result
 from ..benchmark.values import COLUMNS
 from ..common.errors import one_line, printable
 from ..controllers.interface import AbstractController

@@ -121,7 +121,6 @@ def _alternatives(assignments: Sequence[str]) -> dict[str, str]:
 
 
 def _trial_row(trial: Any) -> dict[str, Any]:
-    """A trial of Optuna's in the table of a search."""
     row = {"trial": trial.number, "state": trial.state.name.lower(), "score": trial.value}
     return row | {"settings": describe(trial.params), "error": trial.user_attrs.get("error", "")}
 

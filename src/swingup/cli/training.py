@@ -65,7 +65,6 @@ def _defaults(name: str) -> str:
 
 
 def _annotation(name: str, text: str) -> Any:
-    """Type, help and parser of a hyperparameter's option."""
     option = arg(help=" ".join(text.split()), help_behavior_hint=f"({_defaults(name)})")
     default = getattr(Config, name)
     if isinstance(default, bool):

@@ -126,7 +126,6 @@ def _definition(name: str, value: int | float | str | np.ndarray) -> str:
 
 
 def _braces(values: np.ndarray) -> str:
-    """An initialiser."""
     inner = ",\n    ".join(_braces(row) for row in values) if values.ndim > 1 else _decimals(values)
     return f"{{{inner}}}"
 

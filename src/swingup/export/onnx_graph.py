@@ -55,7 +55,6 @@ def onnx_model(policy: PendulumPolicy) -> bytes:
 
 
 def _pendulum(graph: "_Graph", stage: PendulumStage, state: str) -> str:
-    """Scaled angles and velocities."""
     scale = stage.velocity_scale
     angles, rates = graph.split(state, [2, 2])
     velocities = graph.add("Div", graph.clip(rates, scale), graph.constant(scale))

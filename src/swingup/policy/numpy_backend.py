@@ -31,7 +31,7 @@ class NumpyNetwork:
     """
 
     def __init__(self, policy: PendulumPolicy) -> None:
-        """Take the arrays of a policy; one that sees its plant runs for its file's until it is told another."""
+        """Take the arrays of a policy; a policy that sees its plant begins with its file's."""
         network = policy.folded
         self._stages: list[Any] = list(network.stages)
         self._torque_limit = policy.torque_limit
@@ -66,26 +66,14 @@ class NumpyNetwork:
         return self._torque_limit * self._bound(float(np.dot(self._head, features) + self._offset[0]))
 
 
-def _elu(x: np.ndarray) -> np.ndarray:
-    # Clipped, since both branches are computed: of large x the exponential has no number.
-    return np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0)))
-
-
-def _silu(x: np.ndarray) -> np.ndarray:
-    # The logistic function by tanh, which never overflows.
-    return 0.5 * x * (1.0 + np.tanh(0.5 * x))
-
-
-def _gelu(x: np.ndarray) -> np.ndarray:
-    return 0.5 * x * (1.0 + np.tanh(math.sqrt(2.0 / math.pi) * (x + 0.044715 * x**3)))
-
-
 ACTIVATIONS: dict[Activation, Activate] = {
     "relu": lambda x: np.maximum(x, 0.0, out=x),
     "tanh": np.tanh,
-    "elu": _elu,
-    "silu": _silu,
-    "gelu": _gelu,
+    # Clipped, since both branches are computed: the exponential of a large x overflows.
+    "elu": lambda x: np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0))),
+    # The logistic function by tanh, which never overflows.
+    "silu": lambda x: 0.5 * x * (1.0 + np.tanh(0.5 * x)),
+    "gelu": lambda x: 0.5 * x * (1.0 + np.tanh(math.sqrt(2.0 / math.pi) * (x + 0.044715 * x**3))),
 }
 BOUNDS: dict[Bounds, Callable[[float], float]] = {"tanh": math.tanh, "clip": lambda z: max(-1.0, min(1.0, z))}
 
@@ -194,7 +182,6 @@ class NumpyPolicy:
             self.state = estimator.remember(NUMPY, self.constants, self.state, u / self._torque_unit)
 
     def _update_plant(self) -> None:
-        """Hand the identified plant to what depends on it."""
         constants = None if self.constants is None else self.constants.identifier
         if constants is None or self.state.identifier is None:
             return

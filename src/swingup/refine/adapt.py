@@ -8,8 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ..benchmark.board import Result
 from ..benchmark.judge import judge
-from ..benchmark.result import Result
 from ..benchmark.runner import StageProgress
 from ..common import __version__
 from ..common.arrays import SUFFIX

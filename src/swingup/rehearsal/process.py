@@ -1,6 +1,5 @@
 """The other end of ``child.py``: an exported folder's controller in a process of its own, behind timeouts."""
 
-import itertools
 import json
 import math
 import multiprocessing
@@ -146,16 +145,12 @@ class FolderProcess(AbstractContextManager["FolderProcess"]):
         try:
             answer: dict[str, Any] = json.loads(self._connection.recv_bytes())
         except (EOFError, ConnectionError):
-            raise SwingupError(f"{self._doing} ended its process, {_status(self._process.wait())}") from None
+            code, names = self._process.wait(), {each.value: each.name for each in signal.Signals}
+            how = f"with status {code}" if code >= 0 else f"by {names.get(-code, f'signal {-code}')}"
+            raise SwingupError(f"{self._doing} ended its process, {how}: correct it there") from None
         if "fault" in answer:
             raise SwingupError(f"{one_line(answer['fault'])}: correct it there")
         return answer
-
-
-def _status(code: int) -> str:
-    names = {each.value: each.name for each in signal.Signals}
-    how = f"with status {code}" if code >= 0 else f"by {names.get(-code, f'signal {-code}')}"
-    return f"{how}: correct it there"
 
 
 WATCHED_TIME = 0.0005
@@ -164,21 +159,16 @@ WATCHED_TIME = 0.0005
 
 @dataclass
 class Timing:
-    """What was measured of a run's calls (s)."""
+    """What was measured of the calls of one run or several."""
 
     calls: list[float] = field(default_factory=list)
-    """Time inside each call."""
-    sent: list[float] = field(default_factory=list)
-    """When each call began."""
+    """Time inside each call (s)."""
+    periods: list[float] = field(default_factory=list)
+    """Times between the calls of a run in real time (s)."""
     missed_deadlines: int = 0
     """Periods that ended without an answer: the motors kept the torques before."""
     late_periods: int = 0
     """Periods that began late because the simulation, not the controller, was slow."""
-
-    @property
-    def periods(self) -> list[float]:
-        """Times between calls."""
-        return [after - before for before, after in itertools.pairwise(self.sent)]
 
 
 class FolderController:
@@ -189,11 +179,11 @@ class FolderController:
     simulation goes on.
     """
 
-    def __init__(self, process: FolderProcess, period: float | None = None) -> None:
-        """Wrap a running folder; the simulation's clock may say other periods than the nominal one."""
-        self._process, self._period, self.timing = process, period, Timing()
+    def __init__(self, process: FolderProcess, period: float | None = None, timing: Timing | None = None) -> None:
+        """Wrap a running folder, and add to a timing; the simulation's clock may differ from the nominal period."""
+        self._process, self._period, self.timing = process, period, timing or Timing()
         # The first period begins when it is asked for.
-        self._begin, self._time = -math.inf, 0.0
+        self._begin, self._time, self._call_begin = -math.inf, 0.0, -math.inf
         self._held, self._busy = np.zeros(2), False
 
     def get_control_output(self, x: np.ndarray, t: float) -> np.ndarray:
@@ -221,5 +211,7 @@ class FolderController:
             pass
         self._begin, self._time = now, t
         if not self._busy:
-            self.timing.sent.append(now)
+            if math.isfinite(self._call_begin):
+                self.timing.periods.append(now - self._call_begin)
+            self._call_begin = now
         return now

@@ -9,11 +9,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..benchmark.board import Case, Run, Setting
+from ..benchmark.board import Case, Result, Run, Setting
 from ..benchmark.boards import SIM2REAL
 from ..benchmark.judge import make_setting, summed_up
 from ..benchmark.recording import recorded
-from ..benchmark.result import Result
 from ..benchmark.rollout import Trajectory
 from ..benchmark.runner import Progress, run_one
 from ..benchmark.swing_up_board import SwingUpBoard
@@ -43,30 +42,10 @@ class Rehearsal:
     limits: tuple[float, float] | None
     """Largest angle (rad) and speed (rad/s) of a joint; None where neither guard nor board has limits."""
     real_time: bool
-    timings: tuple[Timing, ...]
-    """What was measured of each run."""
+    timing: Timing
+    """What was measured of all runs."""
     facts: dict[str, Any]
     """What the folder says of itself."""
-
-    @property
-    def calls(self) -> list[float]:
-        """Times inside the calls of all runs (s)."""
-        return [each for timing in self.timings for each in timing.calls]
-
-    @property
-    def periods(self) -> list[float]:
-        """Times between the calls of each run (s)."""
-        return [each for timing in self.timings for each in timing.periods]
-
-    @property
-    def missed_deadlines(self) -> int:
-        """Periods that ended without an answer."""
-        return sum(timing.missed_deadlines for timing in self.timings)
-
-    @property
-    def late_periods(self) -> int:
-        """Periods that began late because the simulation was slow."""
-        return sum(timing.late_periods for timing in self.timings)
 
     def as_dict(self) -> dict[str, Any]:
         """Ready for JSON: the judge's result, and what a folder adds; times in s."""
@@ -78,11 +57,11 @@ class Rehearsal:
             "guard": self.facts["guard"],
             "stops": list(self.stops),
             "packages": self.facts["packages"],
-            "calls": spread(self.calls),
+            "calls": spread(self.timing.calls),
             "real_time": self.real_time,
-            "periods": spread(self.periods) if self.real_time else None,
-            "missed_deadlines": self.missed_deadlines if self.real_time else None,
-            "late_periods": self.late_periods if self.real_time else None,
+            "periods": spread(self.timing.periods) if self.real_time else None,
+            "missed_deadlines": self.timing.missed_deadlines if self.real_time else None,
+            "late_periods": self.timing.late_periods if self.real_time else None,
         }
 
 
@@ -150,10 +129,10 @@ def rehearse(
     # As the judge draws them.
     with jax.enable_x64(True):
         cases = board.cases(setting, every)
-    runs, timings, stops, first = list[Run](), list[Timing](), list[dict[str, Any] | None](), None
+    runs, timing, stops, first = list[Run](), Timing(), list[dict[str, Any] | None](), None
     for case in cases:
         with FolderProcess(found, simulated_clock=not real_time, calling=calling) as process:
-            timing, rows = _rows(process, board, setting, case, real_time)
+            rows = _rows(FolderController(process, board.dt if real_time else None, timing), board, setting, case)
             stop = process.stop()
         counted, end = recorded(rows, board.duration)
         run = board.score(case, counted, None, end)
@@ -161,7 +140,6 @@ def rehearse(
         if stop is not None and run.tip is not None and run.tip.cause != "beyond a limit":
             run = dataclasses.replace(run, tip=dataclasses.replace(run.tip, failure=stop["why"], cause="stopped"))
         runs.append(run)
-        timings.append(timing)
         stops.append(stop)
         first = first or counted
         if progress is not None:
@@ -174,22 +152,17 @@ def rehearse(
         difference=_difference(found, setting),
         limits=None if board.limits is None else (float(board.limits.angle), float(board.limits.speed)),
         real_time=real_time,
-        timings=tuple(timings),
+        timing=timing,
         facts=facts,
     )
 
 
-def _rows(
-    process: FolderProcess, board: SwingUpBoard, setting: Setting, case: Case, real_time: bool
-) -> tuple[Timing, Trajectory]:
-    """One run: the times of its calls, and its rows."""
+def _rows(controller: FolderController, board: SwingUpBoard, setting: Setting, case: Case) -> Trajectory:
     assert setting.domain is not None  # every rehearsal draws from one
-    controller, depth = FolderController(process, board.dt if real_time else None), setting.domain.depth
-    if real_time:
-        # Compiled before the clock runs.
-        run_one(PythonController(lambda x, t: (0.0, 0.0)), case.scenario, board.dt, 2, depth)
-    rows = run_one(PythonController(controller), case.scenario, board.dt, board.steps, depth)
-    return controller.timing, rows
+    loop = case.scenario, board.dt
+    # Two steps first, in which the simulation is compiled: the controller's clock does not run yet.
+    run_one(PythonController(lambda x, t: (0.0, 0.0)), *loop, 2, setting.domain.depth)
+    return run_one(PythonController(controller), *loop, board.steps, setting.domain.depth)
 
 
 def _robot(given: Robot | str | None, said: Any, folder: Folder) -> Robot:

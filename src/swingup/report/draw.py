@@ -50,7 +50,9 @@ def draw(figures: Figure | Mapping[str, Figure], title: str = "") -> "Drawing":
     given = {"": figures} if isinstance(figures, Figure) else figures
     if not any(panel.curves for figure in given.values() for panel in figure.panels):
         raise SwingupError("nothing to draw: no panel has data")
-    heights = [_height(figure) for figure in given.values()]
+    # Room for each figure's rows, their titles and the axes (inches).
+    rows = [(-(-len(figure.panels) // figure.columns), figure.shared) for figure in given.values()]
+    heights = [0.5 + (1.2 if n > 3 else 1.7) * n if shared else 0.3 + 2.6 * n for n, shared in rows]
     columns = max(figure.columns for figure in given.values())
     with styled():
         drawing = new_figure(max(5.6, 1.2 + 2.9 * columns), sum(heights) + 0.4)
@@ -63,12 +65,6 @@ def draw(figures: Figure | Mapping[str, Figure], title: str = "") -> "Drawing":
         if entries:
             legend_below(drawing, [(artist, name) for name, artist in entries.items()])
     return drawing
-
-
-def _height(figure: Figure) -> float:
-    """Room for a figure's rows, their titles and the axes (inches)."""
-    rows = -(-len(figure.panels) // figure.columns)
-    return 0.5 + (1.2 if rows > 3 else 1.7) * rows if figure.shared else 0.3 + 2.6 * rows
 
 
 def _draw_figure(place: "SubFigure", figure: Figure, heading: str, entries: dict[str, "Artist"]) -> None:

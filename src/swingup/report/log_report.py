@@ -6,10 +6,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..benchmark.board import CAUSES
+from ..benchmark.board import CAUSES, Result
 from ..benchmark.log_comparison import ClosedLoop, Comparison
-from ..benchmark.result import Result
-from ..benchmark.rollout import Trajectory
 from ..benchmark.values import COLUMNS
 from ..identification.identify import Identification
 from ..identification.prediction import INDEX
@@ -90,7 +88,6 @@ def report_comparison(comparison: Comparison) -> LogReport:
 
 
 def _states(series: Sequence[Sequence[Curve]]) -> list[Panel]:
-    """Angles and velocities over time, from the four curves of each motion."""
     return [Panel(TIME, label, curves) for label, curves in zip(STATES, zip(*series, strict=True), strict=True)]
 
 
@@ -173,7 +170,12 @@ def _run(name: str, found: ClosedLoop) -> Part:
     runs = {"log": found.recorded, f"{name}, simulated": found.simulated}
     robot = get_robot(found.simulated.robot)
     looks: dict[str, Any] = dict(zip(runs, (("ink", LINE), (0, THIN)), strict=True))
-    rows = {title: _thinned(run.trajectory) for title, run in runs.items() if run.trajectory is not None}
+    rows = {}
+    for title, run in runs.items():
+        if run.trajectory is not None:
+            # Drawn rows are about half of PERIOD apart.
+            every = max(1, round(PERIOD / float(np.median(np.diff(run.trajectory.time)))) // 2)
+            rows[title] = run.trajectory.take(slice(None, None, every))
     panels = _states([_motion(title, each.time, each.x, *looks[title]) for title, each in rows.items()])
     torques = [Curve(title, each.time, each.u[:, robot.joint], *looks[title]) for title, each in rows.items()]
     note = (
@@ -183,12 +185,6 @@ def _run(name: str, found: ClosedLoop) -> Part:
     table = Table(("Run", "Outcome", *MEASURED), [_outcome(title, run) for title, run in runs.items()])
     figure = Figure([*panels, Panel(TIME, TORQUES[robot.joint], torques)], shared=True)
     return Part(f"Closed loop: {name}", note, [table], figure)
-
-
-def _thinned(rows: Trajectory) -> Trajectory:
-    """Rows about half of ``PERIOD`` apart."""
-    every = max(1, round(PERIOD / float(np.median(np.diff(rows.time)))) // 2)
-    return rows.take(slice(None, None, every))
 
 
 def _outcome(name: str, run: Result) -> list[str]:

@@ -213,7 +213,6 @@ def save_log_report(report: LogReport, out: str | Path) -> None:
 
 
 def _render(arrays: Mapping[str, int], shown: dict[str, Any], **texts: Any) -> str:
-    """Fill the template in."""
     content = json.dumps(
         {"arrays": list(arrays), "sections": [], "figures": [], **shown}, allow_nan=False, separators=(",", ":")
     )
@@ -301,5 +300,4 @@ def _series(boards: Sequence[Table]) -> list[Row]:
 
 
 def _asset(name: str) -> str:
-    """The text of a file in ``assets``."""
     return (resources.files(__package__) / "assets" / name).read_text(encoding="utf-8")

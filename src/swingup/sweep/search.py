@@ -199,7 +199,6 @@ def train_trial(plan: SearchPlan, trial: "Trial") -> float:
 
 
 def _suggest(trial: "Trial", name: str, text: str) -> Any:
-    """Optuna's choice of a value from a range or alternatives."""
     if (bounds := _parse_range(name, text)) is not None:
         low, high, log = bounds
         return (trial.suggest_int if isinstance(low, int) else trial.suggest_float)(name, low, high, log=log)
