@@ -3,6 +3,7 @@
 Other seeds: ``SWINGUP_FUZZ_SEEDS=5,6,7 python -m pytest -m slow tests/test_spoilt_files.py``.
 """
 
+import dataclasses
 import functools
 import io
 import json
@@ -10,7 +11,7 @@ import os
 import random
 import re
 import signal
-import struct
+import tempfile
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -18,21 +19,27 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
+from policy.references import sighted_policy, small_policy
 from swingup import BOARDS, SwingupError, load_plant, measured_plant, save_plant, score
-from swingup.areapo.checkpoint import load_checkpoint, read_metadata
+from swingup.areapo.checkpoint import load_checkpoint, read_metadata, save_checkpoint
 from swingup.benchmark.recording import load_trajectory
 from swingup.benchmark.robustness_board import CRITERIA
-from swingup.common.arrays import TYPES
-from swingup.controllers.swingups.reference import load_reference
+from swingup.controllers.stack.policy import policy_of
+from swingup.controllers.swingups.reference import Reference, load_reference, save_reference
 from swingup.export.c_header import c_header
 from swingup.identification.recording import read_recording
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run_settings import make_run_settings, read_run_settings
 from swingup.loop.resolve import resolve
 from swingup.plant.files import model_text
+from swingup.plant.plant import ROBOTS
+from swingup.policy.estimator import EstimatorSettings
 from swingup.policy.file import read_network
+from swingup.policy.guard import GuardSettings
+from swingup.policy.identifier import IdentifierSettings
 from swingup.policy.numpy_backend import numpy_controller
-from swingup.policy.pendulum import read_pendulum_policy
+from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
+from swingup.policy.regulator import RegulatorSettings
 from swingup.report.figures import curves_figure, read_robustness, robustness_figure
 
 WORDS = [
@@ -97,16 +104,15 @@ def spoilt_text(draw, texts):
 
 def other_array(draw, array):
     """An array of another type, shape or content."""
-    kinds = ["U5", "S5", "i4", "u1", "f2", "f8", "c16", "?", ">f4", "g"]
-    shapes = [(), (0,), (1,), (0, 4), (4, 0), (1, 1, 1), (1,) * 32, (100_000,), (1, 9999)]
-    values = [np.nan, np.inf, 1e38, 1e300, -1e300, 1e-320]
+    kinds = ["U5", "i4", "f2", "f8", "c16", "?", ">f4"]
+    shapes = [(), (0,), (1,), (0, 4), (1, 1, 1), (100_000,), (1, 9999)]
+    values = [np.nan, np.inf, 1e300, 1e-320]
     with np.errstate(all="ignore"):
         return draw.choice([
             lambda: array.astype(draw.choice(kinds)),
-            lambda: np.zeros(draw.choice(shapes), array.dtype),
+            lambda: np.zeros(draw.choice(shapes)),
             lambda: np.where(np.arange(array.size).reshape(array.shape) % 7 == 3, draw.choice(values), array),
-            lambda: array * draw.choice([*values, np.pi, 0.0]),
-            lambda: np.asfortranarray(array)[::-1] if array.ndim else array[None],
+            lambda: array[::-1] * draw.choice([*values, np.pi, 0.0]),
         ])()  # fmt: skip
 
 
@@ -119,32 +125,23 @@ def spoilt_log(draw, save):
     return damaged(draw, stream.getvalue()) if draw.random() < 0.5 else stream.getvalue()
 
 
-def spoilt_arrays(draw, metadata, arrays):
-    """A safetensors file with something wrong in its metadata, arrays, header, length or bytes."""
-    kind = draw.choice(
-        ["text", "text", "array", "array", "missing", "extra", "header", "header", "length", "bytes"]
-    )
-    text, arrays, name = json.dumps(metadata, indent=1), dict(arrays), draw.choice(list(arrays))
-    if kind == "text":
-        text = changed_text(draw, text)
-    if kind == "array":
-        arrays[name] = other_array(draw, arrays[name])
-    if kind == "missing":
-        del arrays[name]
-    if kind == "extra":
-        arrays |= {draw.choice(["network.trunk.7.weight", "observation.0.mean", "x"]): np.ones((2, 2), "f4")}
-    header, body = {"__metadata__": {"swingup": text}}, b""
-    codes = {code: name for name, code in TYPES.items()}
-    for each, array in arrays.items():
-        entry = {"dtype": codes.get(array.dtype.str, array.dtype.str), "shape": list(array.shape)}
-        header[each] = entry | {"data_offsets": [len(body), len(body) + array.nbytes]}
-        body += array.tobytes()
-    line = json.dumps(header)
+def spoilt_arrays(draw, good):
+    """A safetensors file with something wrong in its metadata, header, length, numbers or bytes."""
+    size = int.from_bytes(good[:8], "little")
+    line, body = good[8 : 8 + size].decode(), bytearray(good[8 + size :])
+    kind = draw.choice(["metadata", "metadata", "header", "header", "numbers", "length", "bytes"])
+    if kind == "metadata":
+        header = json.loads(line)
+        text = json.dumps(json.loads(header["__metadata__"]["swingup"]), indent=1)
+        line = json.dumps(header | {"__metadata__": {"swingup": changed_text(draw, text)}})
     if kind == "header":
         line = changed_text(draw, line)
+    if kind == "numbers":
+        place = 8 * draw.randrange(len(body) // 8)
+        body[place : place + 8] = draw.choice([b"\0\0\xc0\x7f", b"\0\0\x80\x7f", b"\xff" * 4, b"\1\0\0\0"]) * 2
     head = line.encode("utf-8", "surrogatepass")
     length = draw.choice([0, 1, len(head) - 1, 10**5, 2**63, 2**64 - 1]) if kind == "length" else len(head)
-    data = struct.pack("<Q", length) + head + body
+    data = length.to_bytes(8, "little") + head + body
     return damaged(draw, data) if kind == "bytes" else data
 
 
@@ -163,35 +160,23 @@ LOG = {
     "dq": np.column_stack([3 * np.cos(3 * TIME), -2 * np.sin(2 * TIME)]),
     "u": np.column_stack([TIME, TIME]),
 }
-PARTS = {
-    "estimator": {"dt": 0.002, "velocity_noise": 0.1, "max_delay_steps": 20},
-    "guard": {"dt": 0.002, "velocity_limit": 20.0, "braking": 0.2}, "plant": PLANT | {"name": "x"},
-    "identifier": {"passive_limit": 0.5}, "regulator": {"enter": 1.0, "leave": 2.0},
-}  # fmt: skip
-POLICY = {
-    "format": "swingup policy", "format_version": 1, "robot": "acrobot", "torque_limit": 6.0, "seed": 0,
-    "observation": [
-        {"name": "pendulum", "angles": "wrapped", "velocity_scale": 20.0},
-        {"name": "normalise", "clip": 10.0, "epsilon": 1e-8},
-    ],
-    "command": "swingup train acrobot", "scores": {"v2": {"score": 0.1}},
-}  # fmt: skip
-NETWORK = {
-    "network.trunk.0.weight": np.sin(np.arange(32, dtype="f4")).reshape(8, 4),
-    "network.trunk.0.bias": np.zeros(8, "f4"), "network.mean.bias": np.zeros(1, "f4"),
-    "network.mean.weight": np.cos(np.arange(8, dtype="f4"))[None],
-    "observation.1.mean": np.zeros(4, "f4"), "observation.1.variance": np.ones(4, "f4"),
-}  # fmt: skip
-REFERENCE = (
-    {"format": "swingup trajectory", "format_version": 1, "robot": "acrobot", "dt": 0.002, "seed": 0},
-    {"states": np.zeros((20, 4)), "gains": np.zeros((20, 4)), "torque": np.zeros(20)},
-)
 LIKE = {"weights": jnp.zeros((4, 3)), "step": jnp.zeros((), int)}
 """What a checkpoint is read like."""
-CHECKPOINT = (
-    {"format": "swingup checkpoint", "format_version": 1, "frames": 1024, "best": [0.1, None], "seconds": 3.5},
-    {name: np.asarray(array) for name, array in LIKE.items()},
-)
+
+
+def written(write, *given):
+    """The bytes of a good file."""
+    with tempfile.TemporaryDirectory() as folder:
+        write(Path(folder) / "good", *given)
+        return (Path(folder) / "good").read_bytes()
+
+
+REFERENCE = Reference(ROBOTS["acrobot"], 0.002, np.zeros((20, 4)), np.zeros(20), np.zeros((20, 4)))
+WHOLE = dataclasses.replace(
+    policy_of(sighted_policy()), guard=GuardSettings(), regulator=RegulatorSettings(),
+    estimator=EstimatorSettings(), identifier=IdentifierSettings(),
+)  # fmt: skip
+POLICIES = [written(write_pendulum_policy, each, {}) for each in (WHOLE, policy_of(small_policy()))]
 CONFIG = {"version": "0.1.0", "frames": 10_000} | make_run_settings("acrobot", "default").as_dict()
 ROW = {"seed": 0, "frames": 1024, "reward": 0.5, "score": 0.1, "best_score": 0.2, "entropy": -1.5, "seconds": 2.0}
 ROBUSTNESS = {
@@ -208,12 +193,6 @@ SHAPES = """<mujoco><compiler eulerseq="zyx"/><option><flag contact="disable"/><
 <actuator><motor joint="j1" gear="2" ctrlrange="-1 1"/>
 <general joint="j2" gainprm="3" ctrlrange="-2 1" forcerange="-1 1"/></actuator></mujoco>"""
 MODELS = [*(model_text(suffix, "x", PLANT | {"Ir": 0.001, "gr": 6.0}) for suffix in (".urdf", ".xml")), SHAPES]
-
-
-def spoilt_policy(draw):
-    """A policy of which a setting of some parts may be wrong."""
-    parts = {name: settings for name, settings in PARTS.items() if draw.random() < 0.3}
-    return spoilt_arrays(draw, POLICY | parts, NETWORK)
 
 
 def run_policy(path):
@@ -251,8 +230,9 @@ def of(*texts):
     return functools.partial(spoilt_text, texts=texts)
 
 
-def of_arrays(metadata, arrays):
-    return functools.partial(spoilt_arrays, metadata=metadata, arrays=arrays)
+def of_arrays(*goods):
+    """A kind of file of arrays."""
+    return lambda draw: spoilt_arrays(draw, draw.choice(goods))
 
 
 def log_by(save):
@@ -264,9 +244,12 @@ KINDS = {
     "run.csv": (of(*TRAJECTORIES), [*ON_BOARDS, *LOGS]),
     "run.npz": (log_by(lambda stream, arrays: np.savez(stream, **arrays)), LOGS),
     "run.mat": (log_by(lambda stream, arrays: savemat(stream, {"log": arrays, "n": 1})), LOGS),
-    "policy.safetensors": (spoilt_policy, [run_policy, run_policy, read_network]),
-    "reference.safetensors": (of_arrays(*REFERENCE), [load_reference]),
-    "checkpoint.safetensors": (of_arrays(*CHECKPOINT), [lambda path: load_checkpoint(path, LIKE), read_metadata]),
+    "policy.safetensors": (of_arrays(*POLICIES), [run_policy, run_policy, read_network]),
+    "reference.safetensors": (of_arrays(written(save_reference, REFERENCE, {})), [load_reference]),
+    "checkpoint.safetensors": (
+        of_arrays(written(save_checkpoint, LIKE, {"frames": 1024, "best": [0.1, None]})),
+        [lambda path: load_checkpoint(path, LIKE), read_metadata],
+    ),
     "config.json": (of(json.dumps(CONFIG, indent=1)), [lambda path: read_run_settings(Path(path).parent)]),
     "metrics.jsonl": (
         of("".join(json.dumps(ROW | {"frames": 1024 * k}) + "\n" for k in range(1, 6))),

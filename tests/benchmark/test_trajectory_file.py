@@ -91,22 +91,6 @@ def test_rows_are_cut_to_the_shortest_column(tmp_path):
     np.testing.assert_array_equal(found.u, [[5, 6]] * 3)
 
 
-def test_files_that_are_no_text(tmp_path):
-    assert told(tmp_path / "none.csv").startswith("no such file: ")
-    assert told(tmp_path).startswith("cannot read ")
-    path = tmp_path / "run.csv"
-    for content in (b"\x93NUMPY\x01\x00v\x00{'descr'", b"\xff\xfet\x00i", bytes(range(256)), b'[\n {"time": 0.1}]'):
-        path.write_bytes(content)
-        assert "is not a table in text: export the log as CSV, npz or mat" in told(path)
-        for suffix in (".npz", ".mat"):
-            other = path.with_suffix(suffix)
-            other.write_bytes(content)
-            assert "it is damaged, or not the kind of file that its name says" in told(other)
-    with path.open("wb") as file:
-        file.truncate(64_000_001)  # a hole, which takes no room on the disk
-    assert "has more than 64 MB" in told(path)
-
-
 @pytest.mark.parametrize(
     ("header", "columns"),
     [
@@ -128,15 +112,6 @@ def test_columns_in_order_may_be_skipped_and_end_early(tmp_path):
     path = write(tmp_path, *(row.replace(",", ",8,", 1) + ",9,9" for row in ROWS))
     names = ["time", "_", "q1", "q2", "dq1", "dq2", "u1", "u2"]
     assert_table(load_trajectory(path, names))
-
-
-def test_columns_that_are_not_there_or_in_two_units_are_named(tmp_path):
-    path = write(tmp_path, HEADER.replace("pos_meas1", "pos_meas1[deg]"), *ROWS)
-    words = {"q1=theta": "'theta'", "time=0": "'0'", "u2=8": "'8'", "q1=pos_meas1:counts/0": "'counts/0'"}
-    words |= {"q2=pos_meas2-pos_meas1": "pos_meas2 from columns in no unit and deg", "q1=1": "lacks time"}
-    for word, named in words.items():
-        assert named in refusal(load_trajectory, path, [word])
-    assert "'8'" in refusal(load_trajectory, path, ["_"] * 8)
 
 
 def cell(place, text):

@@ -10,7 +10,6 @@ import pytest
 from synthetic import OFFSETS, TRUTH, simulate, write
 
 import swingup
-from refusals import refusal
 from swingup.identification import fit as bootstrap
 from swingup.identification import prediction
 from swingup.identification.fit import Evaluator, linearise
@@ -126,14 +125,6 @@ def test_a_known_gain_is_that_of_both_motors():
     unknowns, gains = problem.unknowns(plant=True), [INDEX["gain1"], INDEX["gain2"]]
     assert not {*gains} & {*unknowns.entries.tolist()}
     np.testing.assert_array_equal(unknowns.models(unknowns.start)[:, gains], 0.8)
-
-
-def test_columns_of_another_sign_are_named(tmp_path, logs):
-    assert "unknown known value 'mass'" in refusal(swingup.identify, logs[:1], known={"mass": 1.0})
-    assert "2 sessions for 1 logs" in refusal(swingup.identify, logs[:1], sessions=["a", "b"])
-    table = np.loadtxt(logs[0], delimiter=",", skiprows=1) * [*5 * [1], -1, -1]
-    message = refusal(swingup.identify, [write(tmp_path / "wrong.csv", table)])
-    assert message.endswith("--columns u1=-tau_con1 u2=-tau_con2, or take it as it is with --force")
 
 
 def test_a_fit_is_never_worse_than_its_start(logs, monkeypatch):

@@ -218,18 +218,3 @@ def test_folders_are_recognised_by_their_files(tmp_path):
     assert find_folder(second / "controller_x.py").form == "cloudpendulum"
     for path, named in ((second, "holds 2 controllers"), (tmp_path, "holds no controller"), ("none", "none")):
         assert named in refusal(find_folder, path)
-
-
-def test_the_command_says_it_in_one_line(tmp_path, capfd):
-    on_c1 = ["--plant", "C.1", "--domain", "none"]
-    for body, options, message in (
-        ("return [0.0, float('nan')]", on_c1, "it gave a torque that is not finite at t = 0 s"),
-        ("return 0", ["--robot", "pendubot"], "con_fake.py is for the acrobot, not the pendubot"),
-        ("return 0", ["--duration", "0"], "duration = 0.0"),
-        ("return 0", ["--timeout", "-1"], "timeout = -1.0"),
-        ("return 0", ["--save", "none/x.csv"], "cannot write none/x.csv"),
-    ):
-        assert main(["rehearse", str(write_folder(tmp_path / "fake", body)), *options]) == 2
-        error = capfd.readouterr().err
-        assert message in error
-        assert error.count("\n") == 1

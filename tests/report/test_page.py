@@ -8,12 +8,10 @@ import pytest
 
 from swingup.benchmark.rollout import Trajectory
 from swingup.common.errors import one_line
-from swingup.controllers.registry import get_controller
 from swingup.plant.plant import LEADERBOARD, ROBOTS
-from swingup.report import page
 from swingup.report.page import Section, Show, render_page
 
-from .pages import EVIL, NASTY, make_board, make_evil_section, parts_of
+from .pages import EVIL, NASTY, make_evil_section, parts_of
 
 ACROBOT = ROBOTS["acrobot"]
 
@@ -58,29 +56,3 @@ def test_rows_from_the_first_that_is_not_finite_on_are_cut():
         assert lengths == [7] * (row > 0)
         assert not any("disturbed" in runs for runs in shown)
         assert "It went wild." in html
-
-
-@pytest.mark.slow  # the figures of two robots are compiled; the report's command has a default test
-def test_sections_judge_everybody_with_one_disturbance(monkeypatch):
-    policy = get_controller("ar-eapo", ACROBOT)  # without an estimator, which takes seconds to compile
-    asked = []
-
-    def leaderboard(robot, controllers, boards, seed, *rest, **options):
-        asked.append((robot.name, list(controllers), seed))
-        return [make_board(robot, "performance")]
-
-    monkeypatch.setattr(page, "leaderboard", leaderboard)
-    mine = {"mine": policy, "none": "no controller"}
-    sections = [page.make_section(robot, mine, seed=3, entrants=("ar-eapo",)) for robot in ("acrobot", "pendubot")]
-    html = render_page(sections)
-    assert asked == [(name, ["mine", "none"], 3) for name in ("acrobot", "pendubot")]
-    first, second = parts_of(html)[1]["sections"]
-    assert [show["name"] for show in first["shows"]] == ["ar-eapo", "mine"]
-    # One policy under two names: the same noise and the same pushes.
-    assert first["shows"][0]["runs"] == first["shows"][1]["runs"]  # equal arrays are stored once
-    assert first["shows"][0]["runs"]["undisturbed"] != first["shows"][0]["runs"]["disturbed"]
-    assert "<b>none</b>: controller &#39;none&#39;: &#39;no controller&#39; is not a controller" in html
-    # A controller for the other robot.
-    assert [show["name"] for show in second["shows"]] == ["ar-eapo"]
-    assert "is for the acrobot, not the pendubot" in html
-    assert "(seed 3)" in html
