@@ -2,7 +2,6 @@
 
 import os
 import re
-import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -34,17 +33,6 @@ def pages(site):
     found = {path.relative_to(site).as_posix(): path.read_text(encoding="utf-8") for path in site.rglob("*.html")}
     assert len(found) > 30
     return found
-
-
-def test_symbols_of_the_prose_get_subscripts():
-    pytest.importorskip("latex2mathml", reason="the site's packages are not installed")
-    on_page_content = runpy.run_path(str(ROOT / "docs" / "mathematics.py"))["on_page_content"]
-    for prose, html in (
-        ("<p>ρ_H, u_kᵀ, A_{t+1}</p>", "<p>ρ<sub>H</sub>, u<sub>k</sub>ᵀ, A<sub>t+1</sub></p>"),
-        ("<code>ρ_H</code> <pre><code>ρ_H</code> ρ_H</pre>", None),
-        ('<a href="#x_H" title="ρ_H">t_final, num_envs, __init__</a>', None),
-    ):
-        assert on_page_content(prose, None, None, None) == (html or prose)
 
 
 @pytest.mark.slow

@@ -84,7 +84,6 @@ def invented(random, joint):
         "teleport after two rows": held(hanging, 2),
         "teleport": held(hanging, int(random.integers(100, 1000))),
         "upright from the start": upright,
-        "upright from the start, noise": noisy(upright, random, angle=1e-4),
         "leaning on a torque from the start": moved((np.pi - 0.2, 0.0, 0.0), driven=(0, 1)),
         "three rows": Trajectory(np.array([0.0, 0.001, 10.0]), upright.x[:3] * [[0], [1], [1]], np.zeros((3, 2))),
         "in a gap": picked(moved(np.pi * straight(TIME, 0.8)), np.r_[0:50, 450:ROWS]),
@@ -102,17 +101,13 @@ def invented(random, joint):
             f"{name}, {duration:.2g} s": rows
             for name, rows in {
                 "ramp": moved(ramp),
-                "ramp, as from a robot": measured(moved(ramp), random),
                 "spline": moved(spline),
-                "spline, noise": noisy(moved(spline), random, velocity=0.02),
                 "spline, noise on every column": noisy(moved(late), random, angle=2e-4, torque=1e-3),
                 "spline, as from a robot": measured(moved(late), random),
                 "spline by both motors": moved(spline, driven=(0, 1)),
                 "spline by its motor": moved(spline, driven=(joint,)),
-                "spline by its motor, noise": noisy(moved(spline, driven=(joint,)), random),
                 "spline by a constant torque": measured(dataclasses.replace(moved(spline), u=push), random),
                 "folded": noisy(moved(spline, fold), random),
-                "folded, by its motor": measured(moved(spline, fold, driven=(joint,)), random),
                 "elbow turned": noisy(moved(ramp, spin), random),
             }.items()
         }
@@ -128,24 +123,17 @@ def changed(rows, random):
     no_torque = scaled(rows, torque=0.0)
     gross = {
         "no torques": no_torque,
-        "no torques, noise": noisy(no_torque, random),
         "no torques, as from a robot": measured(no_torque, random),
-        "a tenth of the torques": measured(scaled(rows, torque=0.1), random),
         "a third of the torques": noisy(scaled(rows, torque=0.3), random),
-        "half of the torques": scaled(rows, torque=0.5),
         "torques reversed": scaled(rows, torque=-1.0),
         "mirrored without its torques": scaled(dataclasses.replace(rows, x=-rows.x)),
         "torques on the other joint": dataclasses.replace(rows, u=rows.u[:, ::-1]),
         "no velocities": scaled(rows, velocity=0.0),
-        "velocities x 0.5": scaled(rows, velocity=0.5),
         "velocities x 0.97": scaled(rows, velocity=0.97),
         "5 kHz": at(rows, np.arange(0.0, last, 0.0002)),
         "100 Hz": picked(rows, slice(None, None, 5)),
-        "three rows": picked(rows, [0, up, ROWS - 1]),
         "held as soon as it is up": held(rows, up),
-        "held before it is up": held(rows, up - 100),
         "held as soon as it is up, as from a robot": measured(held(rows, up), random),
-        "faster than it was": scaled(hasty, velocity=1.25),
         "twice as fast, as from a robot": measured(at(rows, np.minimum(2 * time, last), time), random),
     }
     fine = {
@@ -154,7 +142,6 @@ def changed(rows, random):
         "faster, as from a robot": measured(hasty, random),
         "noise on every column": noisy(rows, random, 0.1, 1e-3, 0.01),
         "averaged torques, as from a robot": measured(averaged(rows, 25), random),
-        "averaged torques, noise": noisy(averaged(rows, 151), random),
         "no torques once it is up": dataclasses.replace(rows, u=np.where((time < time[up])[:, None], rows.u, 0.0)),
     } | {f"torques averaged over {count} rows": averaged(rows, count) for count in (5, 25, 101)}
     return gross, fine

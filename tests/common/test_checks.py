@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from refusals import refusal
-from swingup.common.checks import finite_number, is_number, one_of, positive_number, suggestion, whole_number
+from swingup.common.checks import finite_number, is_number, positive_number, whole_number
 from swingup.common.errors import LONGEST_QUOTE, SwingupError, one_line, quoted
 from swingup.common.files import make_folder, write_atomically
 from swingup.common.yaml_map import LARGEST_YAML, read_map
@@ -60,15 +60,6 @@ def test_ranges_hold_their_ends_and_whole_numbers_are_pythons():
         assert type(whole_number("k", value, 0)) is int
         assert whole_number("k", value, 0) == 3
     assert whole_number("k", 2**70 + 1, 0) == 2**70 + 1  # whole beyond floating point's 53 bits
-
-
-def test_one_of():
-    assert one_of("colour", "red", ["red", "green"]) == "red"
-    known = "unknown colour 'gren': use one of red, green; did you mean green?"
-    assert refusal(one_of, "colour", "gren", iter(["red", "green"])) == known
-    for value in ("zzz", None, 3, ["red"], {"red": 1}):
-        assert refusal(one_of, "colour", value, ["red", "green"], " or a code").endswith(" or a code")
-    assert suggestion("x", ["learning_rate"]) == suggestion(3, ["3"]) == ""
 
 
 def test_one_line():

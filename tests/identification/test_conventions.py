@@ -241,18 +241,6 @@ def test_a_malformed_expression_is_named_at_its_place(tmp_path, table, word):
     assert MALFORMED[word] in refusal(read_recording, write(tmp_path / "log.csv", table[:200]), [word])
 
 
-def test_what_is_missing_is_said(tmp_path, table):
-    names = [*NAMES[:2], "vel1_deg_s", "vel2_deg_s", *NAMES[4:]]
-    message = refusal(read_recording, write(tmp_path / "log.csv", table, ",".join(names)))
-    assert "lacks pos_meas2: map columns with --columns NAME=TITLE" in message
-    names = ["t", "theta1", "theta2", *names[2:6]]
-    message = refusal(read_recording, write(tmp_path / "log.csv", table, ",".join(names)))
-    assert "dq1=vel1_deg_s:deg/s dq2=vel2_deg_s:deg/s" in message
-    (tmp_path / "log.csv").write_text(f"{HEADER}\n" + 9 * "2026-01-01T10:00:00,0,0,0,0,0,0\n")
-    message = refusal(read_recording, tmp_path / "log.csv")
-    assert "column time: '2026-01-01T10:00:00' is not a number: write seconds" in message
-
-
 def put(rows, columns, value):
     """The table with a value in some rows and columns."""
 

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from gymnasium.spaces import Box
-from gymnasium.vector import AutoresetMode
 
 from array_files import change_file
 from policies import load_any_policy
@@ -200,21 +199,6 @@ def test_loading_a_folder_writes_nothing_and_needs_no_lock(tmp_path):
     with RunFolder(tmp_path / "r").exclusive():
         AREAPO.load(tmp_path / "r", env=Stairs).predict([0.0])
     assert {path: path.stat().st_mtime_ns for path in sorted((tmp_path / "r").rglob("*"))} == before
-
-
-def test_evaluation_elsewhere(monkeypatch):
-    closed = []
-    monkeypatch.setattr(Stairs, "close", lambda self: closed.append(self))
-    model = AREAPO(chains(2, "cycle", AutoresetMode.NEXT_STEP), **TINY)
-    for wrong, named in (
-        ({}, "pass evaluate another"),
-        ({"env": Noisy}, "the policy sees 1 numbers, the environment shows 2"),
-        ({"episodes": 3, "env": Stairs}, "policy's actions are 1 choices of 3, the environment's are 2 num"),
-        *(({"episodes": episodes, "env": Stairs}, "episodes = ") for episodes in (-1, "2")),
-    ):
-        assert named in refusal(model.evaluate, **wrong)
-    assert len(closed) >= 1  # what it made
-    assert model.evaluate(env=chains(3, "walk"))["mean_length"] == 4.0
 
 
 def test_actions_have_the_bounds_of_the_space_and_no_others(tmp_path):

@@ -1,7 +1,5 @@
 """Domains: what plants and loops are drawn from, what is refused, and a plant in the loop of a domain."""
 
-from importlib import resources
-
 import jax
 import numpy as np
 import pytest
@@ -33,13 +31,6 @@ def test_the_identified_domain_is_the_identified_plant(robot):
     assert {name: float(value) for name, value in plant.values().items()} == load_plant("C.1").values() | limits
     assert (int(loop.delay_steps), float(loop.loop.velocity_noise)) == (5, 0.1)  # 10 ms in steps of 2 ms
     assert not np.any(loop.pushes.amplitude)
-
-
-@pytest.mark.parametrize("name", ["identified", "recorded"])
-def test_every_number_of_the_package_says_where_it_comes_from(name):
-    text = (resources.files("swingup.loop") / "domains" / f"{name}.yml").read_text(encoding="utf-8")
-    rows = [line for line in text.splitlines() if line and not line.startswith("#")]
-    assert all("Source:" in row or "Chosen" in row for row in rows)
 
 
 def test_draws_fill_their_ranges():

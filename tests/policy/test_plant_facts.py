@@ -62,8 +62,6 @@ FOR_MANY = PlantStage(BASE, np.where(BASE > 0, 0.15 * BASE, 1.0))
 DIFFERENCES_FOR_MANY = [
     (scaled(r2=1.3, cf1=20.0), None),
     (scaled(I2=2.6), "a base parameter B from 0 to 0.127, here it is 0.132: train or refine another"),
-    (scaled(tl2=0.5), "with the torque limit = 10, here it is 5 (-50 % of it): train or refine"),
-    (scaled(l1=0.5), "with l1 = 0.2, here it is 0.1 (-50 % of it): train or refine"),
 ]
 
 

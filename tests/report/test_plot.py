@@ -14,7 +14,7 @@ from swingup.cli.exporting import plot_command
 from swingup.plant.plant import ROBOTS
 from swingup.report import figures
 from swingup.report.draw import draw, render
-from swingup.report.figures import make_labels, unwrapped
+from swingup.report.figures import unwrapped
 
 
 def swing(turns=0.5, joint=1, rows=1001, dt=0.01):
@@ -192,13 +192,3 @@ def test_the_driven_joint_tells_the_robot(tmp_path):
     assert "draw two pictures" in refusal(plot, "phase", [acrobot, pendubot], tmp_path / "out.svg")
     assert "has no torque" in refusal(plot, "phase", [passive], tmp_path / "out.svg")
     plot("phase", [passive, pendubot], tmp_path / "out.svg", robot=ROBOTS["pendubot"])
-
-
-def test_labels_are_short_and_different():
-    for files, labels in (
-        (["x/a.csv", "y/a.csv", "b.csv"], ["x/a", "y/a", "b"]),
-        (["1/x/a.csv", "2/x/a.csv"], ["1/x/a", "2/x/a"]),
-        (["p/one/metrics.jsonl", "q/one/metrics.jsonl", "p/two/metrics.jsonl"], ["p/one", "q/one", "two"]),
-        (["a.csv", "a.csv"], ["a", "a (2)"]),
-    ):
-        assert make_labels(files) == labels
