@@ -61,7 +61,7 @@ class Pendulums:
     def _prepare(
         self, robot: str, task: str | AnyPendulumTask, render_mode: str | None, plant: PlantLike | None
     ) -> tuple[Box, Box]:
-        """Set all but the spaces: those of one environment's observations and actions are returned."""
+        """Set all but the spaces; return those of one environment's observations and actions."""
         # With its numbers as arrays, which compiled functions take faster.
         self.task = jax.tree.map(jnp.asarray, find_task(task, robot, plant))
         if render_mode is not None and render_mode not in RENDER_MODES:
@@ -295,9 +295,9 @@ def _checked_start(options: dict[str, Any] | None) -> Float[np.ndarray, "4"] | N
     except (TypeError, ValueError):
         valid = False
     if not valid:
-        given = quoted(options["state"])
+        shown = quoted(options["state"])
         raise SwingupError(
-            f"state {given} must be [q1, q2, dq1, dq2], 4 numbers within ±{DIVERGED_VELOCITY:g} (rad, rad/s)"
+            f"state {shown} must be [q1, q2, dq1, dq2], 4 numbers within ±{DIVERGED_VELOCITY:g} (rad, rad/s)"
         )
     return start
 
@@ -325,12 +325,7 @@ for _robot in ROBOTS:
 
 
 def acrobot_swingup(sparse: bool = False, **arguments: Any) -> PendulumEnv:
-    """dm_control's acrobot as an environment.
-
-    Args:
-        sparse: whether a step earns nothing outside the target.
-        arguments: others of :class:`PendulumEnv`.
-    """
+    """dm_control's acrobot as an environment; if ``sparse``, steps earn nothing outside the target."""
     return PendulumEnv("acrobot", AcrobotSwingup(sparse=sparse), **arguments)
 
 

@@ -156,7 +156,8 @@ def _places(header: dict[str, Any], size: int) -> dict[str, tuple[np.dtype, tupl
     for name, entry in sorted(header.items(), key=lambda item: item[1]["data_offsets"]):
         dtype, shape, (start, stop) = np.dtype(TYPES[entry["dtype"]]), tuple(entry["shape"]), entry["data_offsets"]
         # NumPy takes up to 64 dimensions; a product of many more would take long.
-        if len(entry) != 3 or len(shape) > 64 or not all(map(_is_count, (*shape, start, stop))):
+        counts = all(type(value) is int and 0 <= value < 2**63 for value in (*shape, start, stop))
+        if len(entry) != 3 or len(shape) > 64 or not counts:
             raise ValueError(f"no entry of an array: {name}")
         if start != end or stop - start != math.prod(shape) * dtype.itemsize:
             raise ValueError(f"another place or size than the arrays before it and its shape leave: {name}")
@@ -164,7 +165,3 @@ def _places(header: dict[str, Any], size: int) -> dict[str, tuple[np.dtype, tupl
     if end != size:
         raise ValueError("more or fewer bytes than the header says")
     return places
-
-
-def _is_count(value: Any) -> bool:
-    return type(value) is int and 0 <= value < 2**63

@@ -17,7 +17,7 @@ from .files import read_bytes
 LARGEST_YAML = 100_000
 """Bytes of a file; those of the package have less than 3,000."""
 
-DEEPEST = 10
+MAXIMUM_DEPTH = 10
 """Levels of brackets; a range needs one, and keys that are ignored may hold a little more."""
 
 FLAT_MAP = "write one 'name: value' a line"
@@ -34,8 +34,8 @@ class _PlainLoader(yaml.SafeLoader):
         for what, found in (("an alias or an anchor", "anchor"), ("a tag", "tag")):
             if (name := getattr(event, found, None)) is not None:
                 raise SwingupError(f"it has {what}, {quoted(name)}: write the value itself")
-        if isinstance(event, yaml.CollectionStartEvent) and self.depth == DEEPEST:
-            raise SwingupError(f"it has brackets deeper than {DEEPEST} levels: {FLAT_MAP}")
+        if isinstance(event, yaml.CollectionStartEvent) and self.depth == MAXIMUM_DEPTH:
+            raise SwingupError(f"it has brackets deeper than {MAXIMUM_DEPTH} levels: {FLAT_MAP}")
         self.depth += 1
         node = super().compose_node(parent, index)
         self.depth -= 1

@@ -355,11 +355,11 @@ def _check_foreign(
 ) -> Finding | None:
     """A motion that neither the starting plant nor the regression's explains."""
     driven = any(recording.driven)
-    least, largest = (FOREIGN_SHARE, UNPREDICTED_SHARE) if driven else FREE_FALL
-    if plain.unexplained < least:
+    unexplained, unpredicted = (FOREIGN_SHARE, UNPREDICTED_SHARE) if driven else FREE_FALL
+    if plain.unexplained < unexplained:
         return None
     # What a plant predicts well has the right columns, whatever the regression leaves unexplained.
-    predicted = prediction_skill(recording, setting, start, plain.values) < largest
+    predicted = prediction_skill(recording, setting, start, plain.values) < unpredicted
     if not driven and (plain.bounded or not predicted):
         return Finding(
             f"torques that are not in the log act: without any, {_share(plain)} of the motion stays unexplained"

@@ -84,7 +84,10 @@ def draw_models(domain: Domain, count: int, seed: int) -> Float[np.ndarray, "cou
         keys = jax.random.split(jax.random.key(seed), count - 1)
         batch = jax.tree.map(np.asarray, jax.jit(jax.vmap(partial(draw_values, domain)))(keys))
     rows = (jax.tree.map(operator.itemgetter(row), tuple(batch)) for row in range(count - 1))
-    return np.stack([_model(domain, each) for each in (domain.nominal, *itertools.starmap(PlantInLoop, rows))])
+    drawn = (domain.nominal, *itertools.starmap(PlantInLoop, rows))
+    # Loop values that the domain does not have are typical ones.
+    loops = ({name: each.value(name) for name in domain.names} for each in drawn)
+    return np.stack([in_loop(vector_of(each.plant), loop) for each, loop in zip(drawn, loops, strict=True)])
 
 
 def corner_models(domain: Domain) -> Float[np.ndarray, "corners 15"]:
@@ -92,11 +95,6 @@ def corner_models(domain: Domain) -> Float[np.ndarray, "corners 15"]:
     # A motor that delivers more than its command moves the arm furthest.
     gains = {name: domain.high.value(name) for name in domain.names if name in ("gain1", "gain2")}
     return np.stack([in_loop(vector_of(plant), gains) for plant in domain.corners()])
-
-
-def _model(domain: Domain, drawn: PlantInLoop) -> np.ndarray:
-    """A model's vector; loop values that the domain does not have are typical ones."""
-    return in_loop(vector_of(drawn.plant), {name: drawn.value(name) for name in domain.names})
 
 
 class Sequences(NamedTuple):
@@ -306,10 +304,10 @@ def limits_for(
         finite_number("torque", torque, 1e-6, motor, "N m") if torque is not None and acts else motor
         for motor, acts in zip(motors, driven, strict=True)
     ]
-    usual = scales_of(plant).scaled(SPEED, VELOCITY)
+    default = scales_of(plant).scaled(SPEED, VELOCITY)
     return ExcitationLimits(
         torque=(used[0] * driven[0], used[1] * driven[1]),
-        speed=usual if speed is None else finite_number("speed", speed, 0.1, 1e3, "rad/s"),
+        speed=default if speed is None else finite_number("speed", speed, 0.1, 1e3, "rad/s"),
         angle=finite_number("angle", angle, 0.1, 100.0, "rad"),
     )
 

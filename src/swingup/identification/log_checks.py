@@ -78,14 +78,14 @@ def cut_episodes(
     for _ in range(3):  # a dropout hides the jumps beside it
         jumps = _jumps(time[rows], q[rows], longest)
         bounds = [0, *(jumps + 1).tolist(), len(rows)]
-        lost = [
+        dropouts = [
             np.arange(start, end)
             for start, end in itertools.pairwise(bounds)
             if len(bounds) > 2 and time[rows[end - 1]] - time[rows[start]] < MINIMUM_PIECE
         ]
-        if not lost:
+        if not dropouts:
             break
-        out = np.concatenate(lost)
+        out = np.concatenate(dropouts)
         keep[rows[out]] = False
         dropped += len(out)
         rows = np.delete(rows, out)
@@ -117,11 +117,11 @@ def _jumps(time: np.ndarray, q: np.ndarray, longest: float) -> np.ndarray:
     # Medians, since one bad angle makes two slopes beside it wrong.
     before, after = np.median(windows[..., :near], axis=-1), np.median(windows[..., near + 1 :], axis=-1)
     jumps = np.abs(slopes - 0.5 * (before + after)) * steps[:, None]
-    least = np.maximum(
+    threshold = np.maximum(
         MINIMUM_JUMP + ACCELERATION * steps[:, None] ** 2, UNLIKELY_DEVIATIONS * 1.48 * np.median(jumps, axis=0)
     )
     # Where the pendulum turns quickly, slopes differ from one side to the other.
-    far = jumps > least + 2.0 * np.abs(before - after) * steps[:, None]
+    far = jumps > threshold + 2.0 * np.abs(before - after) * steps[:, None]
     return np.flatnonzero(far.any(axis=1) & (steps <= longest))
 
 
@@ -147,13 +147,12 @@ def check_time(name: str, time: Float[np.ndarray, "rows"], title: str) -> None:
     """
     period = float(np.median(np.diff(time)))
     # A time in other units shows as a period that no loop has.
-    usual = next(
-        (unit for unit, size in UNITS["time"].items() if USUAL_PERIODS[0] <= period * size <= USUAL_PERIODS[1]), ""
-    )
-    if period > MAXIMUM_PERIOD and usual and usual != "s":
+    low, high = USUAL_PERIODS
+    unit = next((each for each, size in UNITS["time"].items() if low <= period * size <= high), "s")
+    if period > MAXIMUM_PERIOD and unit != "s":
         raise SwingupError(
-            f"{name}: rows are {period:g} s apart (median): the time looks like {usual}; read it with "
-            f"--columns {title}:{usual}"
+            f"{name}: rows are {period:g} s apart (median): the time looks like {unit}; read it with "
+            f"--columns {title}:{unit}"
         )
     if period > MAXIMUM_PERIOD:
         raise SwingupError(
@@ -221,8 +220,8 @@ def find_warnings(
             at_most = float(np.mean(np.abs(measured[:, joint]) > 0.98 * delivered))
             # A motor that saturates stands at its peak; one that is slow passes through it.
             if delivered < 0.8 * peak and at_most > 0.05:
-                most = f"{delivered:.3g} of {peak:.3g} N m"
-                found.append(f"motor {joint + 1} delivers at most {most}: clip the log's commands to that")
+                shown = f"{delivered:.3g} of {peak:.3g} N m"
+                found.append(f"motor {joint + 1} delivers at most {shown}: clip the log's commands to that")
     if (repeated := float(np.mean(~fresh))) > 0.05:
         found.append(f"{repeated:.0%} of the rows repeat the one before: they are left out")
     return found

@@ -209,15 +209,15 @@ def _clean(name: str, table: Table) -> tuple[np.ndarray, np.ndarray, list[str]]:
 
 def _torques(time: np.ndarray, values: Mapping[str, np.ndarray]) -> tuple[np.ndarray, bool, list[str]]:
     """Torques of all rows, whether they are commands, and a note where some are missing."""
-    given = _pair(values, _COMMANDS)
-    if given is None:
+    commands = _pair(values, _COMMANDS)
+    if commands is None:
         return np.zeros((len(time), 2)), False, []
     # The last torque holds, but not across a gap, where the motors rest.
     longest = longest_step(float(np.median(np.diff(time))))
-    known = np.isfinite(given)
+    known = np.isfinite(commands)
     last = np.maximum.accumulate(np.where(known, np.arange(len(time))[:, None], -1), axis=0)
     recent = (last >= 0) & (time[:, None] - time[last] <= longest)
-    u = np.where(recent, np.take_along_axis(given, last, axis=0), 0.0)
+    u = np.where(recent, np.take_along_axis(commands, last, axis=0), 0.0)
     # Measured torques stand in for commands that a log lacks. Pushes come on top of commands alone.
     commanded = "tau_meas1" not in _names(values, _COMMANDS)
     pushes = _pair(values, _PUSHES) if commanded else None

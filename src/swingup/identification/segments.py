@@ -51,10 +51,10 @@ def _supports(time: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarr
     # A millionth of a second more, so that rounding does not decide on the rows at the ends.
     low = np.searchsorted(time, times - REACH - 1e-6, "left")
     high = np.searchsorted(time, times + REACH + 1e-6, "right")
-    least = min(MINIMUM_ROWS, len(time))
-    nearest = np.clip(np.searchsorted(time, times) - least // 2, 0, len(time) - least)
-    few = high - low < least
-    return np.where(few, nearest, low), np.where(few, nearest + least, high)
+    minimum = min(MINIMUM_ROWS, len(time))
+    nearest = np.clip(np.searchsorted(time, times) - minimum // 2, 0, len(time) - minimum)
+    few = high - low < minimum
+    return np.where(few, nearest, low), np.where(few, nearest + minimum, high)
 
 
 STRIDE = 0.1  # time between the starts of two windows (s)

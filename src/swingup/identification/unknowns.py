@@ -109,8 +109,8 @@ def expectations(setting: Integration, start: Float[np.ndarray, "15"], commanded
         found[f"offset{joint}"] = Expectation(0.0, 0.02, 2.5, -0.25, 0.25)
     found["gain1"] = Expectation(1.0, 0.2, 1.5, 0.2, 3.0)
     # Measured torques may be later than those that act.
-    middle, least = (0.003, 0.0) if commanded else (0.0, MINIMUM_DELAY)
-    found["delay"] = Expectation(middle, 0.004, 1.5, least, MAXIMUM_DELAY)
+    middle, minimum = (0.003, 0.0) if commanded else (0.0, MINIMUM_DELAY)
+    found["delay"] = Expectation(middle, 0.004, 1.5, minimum, MAXIMUM_DELAY)
     found["lag"] = Expectation(0.0025, 0.002, 1.0, MINIMUM_LAG, MAXIMUM_LAG)
     return found
 
@@ -184,9 +184,11 @@ def known_entries(known: Mapping[str, float] | None) -> dict[str, float]:
     for name, value in (known or {}).items():
         entry = KNOWN_NAMES[one_of("known value", name.replace(" ", ""), KNOWN_NAMES)]
         # Delay and lag within the bounds of the fit; of other values a sign or a size is wrong.
-        least = 1e-9 if entry in (*MASSES[:4], "gain1") else MINIMUM_DELAY if entry == "delay" else 0.0
-        most = {"delay": MAXIMUM_DELAY, "lag": MAXIMUM_LAG}.get(entry, 1e3)
-        entries[entry] = max(finite_number(name, value, least, most), MINIMUM_LAG if entry == "lag" else least)
+        minimum = 1e-9 if entry in (*MASSES[:4], "gain1") else MINIMUM_DELAY if entry == "delay" else 0.0
+        maximum = {"delay": MAXIMUM_DELAY, "lag": MAXIMUM_LAG}.get(entry, 1e3)
+        entries[entry] = max(
+            finite_number(name, value, minimum, maximum), MINIMUM_LAG if entry == "lag" else minimum
+        )
     return entries
 
 

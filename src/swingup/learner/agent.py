@@ -96,11 +96,9 @@ class AREAPO:
 
     @classmethod
     def load(cls, path: str | Path, env: Any = None) -> "AREAPO":
-        """Load a learner that ``save`` wrote, or the last checkpoint in the folder of a run.
+        """Load a learner that ``save`` wrote, or the last checkpoint in a run's folder.
 
-        Args:
-            path: the file or the folder.
-            env: the environment, if it was passed in as an object; otherwise it is made from its name.
+        An environment that was passed in as an object is passed in again; others are made from their names.
 
         Raises:
             SwingupError: the file cannot be read, the environment is needed and was not given, or its actions have
@@ -213,7 +211,7 @@ class AREAPO:
         run, evaluator = self._run, self._run.backend.evaluator
         policy = run.policies()[run.progress.best_seed]
         if env is None:
-            return evaluator.evaluate(policy, episodes or evaluator.usual_episodes).as_dict()
+            return evaluator.evaluate(policy, episodes or evaluator.default_episodes).as_dict()
         problem, actions = make_problem(env), evaluator.described_actions
         return problem.evaluate(policy, self.settings.seed, episodes, actions).as_dict()
 
@@ -222,19 +220,12 @@ class AREAPO:
 
         The state of environments that the host steps cannot be saved: both learners reset them first, also where a
         callback saves.
-
-        Raises:
-            SwingupError: the file cannot be written.
         """
         state, metadata = self._run.snapshot()
         save_checkpoint(path, state, metadata)
 
     def export_policy(self, path: str | Path) -> None:
-        """Write the policy alone, in the format of ``docs/policy-format.md``.
-
-        Raises:
-            SwingupError: the file cannot be written.
-        """
+        """Write the policy alone, in the format of ``docs/policy-format.md``."""
         run = self._run
         policies, index = run.policies(), run.progress.best_seed
         run.save_policy(Path(path), index, policies[index], run.backend.evaluate(policies)[index])

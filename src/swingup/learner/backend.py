@@ -34,7 +34,7 @@ class AbstractEvaluator(abc.ABC):
 
     measure: str = "episodes"
     """Name under which policy files keep their scores."""
-    usual_episodes: int = EPISODES
+    default_episodes: int = EPISODES
     """Episodes of an evaluation that is asked for without a number."""
     stages: tuple[Stage, ...] = ()
     """Observation stages before the normalisation."""

@@ -169,7 +169,7 @@ class SwingUpEvaluator(AbstractEvaluator):
     """Evaluates by the criteria and the score of one swing-up on the task's plant."""
 
     measure = "v2"
-    usual_episodes = 1
+    default_episodes = 1
     observation_shape = (4,)
 
     def __init__(self, task: AbstractPendulumTask, plant: Plant = LEADERBOARD) -> None:

@@ -1,13 +1,9 @@
 """Gymnasium environments of all spaces and autoreset modes, in the one form that the learner steps.
 
-Every step yields the observation to act on next (after a reset, where there was one), the true next observation
-(before it), and whether the row counts. The resets of a vector environment follow its own mode:
-
-- ``SAME_STEP``: it returns the first observation of the new episode; the true next one is in ``final_obs``.
-- ``NEXT_STEP``: it returns the true next observation, and spends its next step on the reset: that row does not
-  count. The new start is not known yet at the end of an episode. The previous start stands for it, another draw of
-  the same distribution.
-- ``DISABLED``: it resets those that ended when its ``reset`` is called with a mask.
+A step returns the observation to act on next, the true next observation before any reset, and whether the row
+counts. With ``SAME_STEP`` the true next observation is in ``final_obs``. ``NEXT_STEP`` spends a row on the reset;
+until then the previous start, a draw of the same distribution, stands for the new one. With ``DISABLED`` the
+wrapper itself resets the environments whose episode ended.
 """
 
 import copy
@@ -100,9 +96,6 @@ class Environments:
         self.all_count = mode is not AutoresetMode.NEXT_STEP
         """Whether no row is spent on a reset."""
         self._env, self._mode, self._name, self._lent = env, mode, name, lent
-        self._resetting = np.zeros(self.num_envs, np.bool_)
-        self._starts = np.zeros((self.num_envs, self.spaces.observation_size), np.float32)
-        self._returns, self._lengths = np.zeros(self.num_envs), np.zeros(self.num_envs, np.int64)
         self.episodes: list[tuple[float, int]] = []
         """Return and length of each episode that ended since the last reset; who reads them may clear them."""
 
@@ -169,7 +162,6 @@ class Environments:
         return seen, other
 
     def _begin(self, **arguments: Any) -> Float32[np.ndarray, "envs n"]:
-        """The observations of a reset."""
         return self._observations(self._call("reset", RESET, **arguments)["observations"])
 
     def _call(self, method: str, names: tuple[str, ...], *arguments: Any, **options: Any) -> dict[str, Any]:
@@ -183,13 +175,12 @@ class Environments:
             raise SwingupError(f"{method}() of {self._name} gave {quoted(returned)}: return ({', '.join(names)})")
         return dict(zip(names, returned, strict=True))
 
-    def _observations(self, given: Any) -> Float32[np.ndarray, "envs n"]:
+    def _observations(self, value: Any) -> Float32[np.ndarray, "envs n"]:
         shape = (self.num_envs, *self.observation_space.shape)
-        return self._numbers("observations", given, shape).reshape(self.num_envs, -1)
+        return self._numbers("observations", value, shape).reshape(self.num_envs, -1)
 
-    def _numbers(self, what: str, given: Any, shape: tuple[int, ...]) -> Float32[np.ndarray, "..."]:
-        """Finite numbers in single precision."""
-        array = self._array(what, given, shape, "fiub")
+    def _numbers(self, what: str, value: Any, shape: tuple[int, ...]) -> Float32[np.ndarray, "..."]:
+        array = self._array(what, value, shape, "fiub")
         with np.errstate(over="ignore"):  # an overflow is an infinity, which is refused below
             # Also a copy: environments may use their buffers again.
             single = array.astype(np.float32)
@@ -198,20 +189,20 @@ class Environments:
             raise SwingupError(f"{self._name} gave {what} that are not finite, {bad}: correct it there")
         return single
 
-    def _array(self, what: str, given: Any, shape: tuple[int, ...], kinds: str) -> np.ndarray:
+    def _array(self, what: str, value: Any, shape: tuple[int, ...], kinds: str) -> np.ndarray:
         """An array of a shape and of NumPy's kinds.
 
         NumPy would broadcast a reward of the wrong length, turn a text into a number, and take any number that is
         not 0 for an end: training would continue with values that no environment meant.
         """
         try:
-            array = np.asarray(given)
+            array = np.asarray(value)
         except Exception:  # ragged lists, and what a foreign __array__ raises
             array = None
         if array is None or array.dtype.kind not in kinds or array.shape != shape:
             wanted = f"{'booleans' if kinds == 'b' else 'numbers'} of shape {shape}"
-            kind = type(given).__name__ if array is None else f"{array.dtype} of shape {array.shape}"
-            raise SwingupError(f"{self._name} gave {what} {quoted(given)}, {kind}: return {wanted}")
+            kind = type(value).__name__ if array is None else f"{array.dtype} of shape {array.shape}"
+            raise SwingupError(f"{self._name} gave {what} {quoted(value)}, {kind}: return {wanted}")
         return array
 
 
@@ -356,26 +347,20 @@ class CheckedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
         return observation, reward, bool(terminated), bool(truncated), {}
 
     def _check(self, method: str, returned: Any, form: str) -> None:
-        """Refuse what is not of this form."""
-        wrong: tuple[str, Any, str] | None = None
-        shape = self.observation_space.shape
-        if not isinstance(returned, tuple) or len(returned) != form.count(",") + 1:
-            wrong = "", returned, form
+        def require(holds: bool, what: str, value: Any, wanted: str) -> None:
+            if not holds:
+                of_shape = f" of shape {shape}" if (shape := getattr(value, "shape", None)) else ""
+                shown = f"{method}() of {one_line(self.env, 100)} gave {what}{quoted(value)}{of_shape}"
+                raise SwingupError(f"{shown}: Gymnasium's returns {wanted}")
+
+        require(isinstance(returned, tuple) and len(returned) == form.count(",") + 1, "", returned, form)
         # Without a shape the space is not a Box, which is refused elsewhere.
-        elif shape is not None and np.shape(returned[0]) != shape:
-            wrong = "the observation ", returned[0], f"one of shape {shape}, as its observation_space"
-        elif len(returned) == len(STEP):
-            rows = zip(
-                ("the reward", "terminated =", "truncated ="), ("fiub", "b", "b"), returned[1:], strict=False
-            )
-            for what, kinds, given in rows:
-                if np.shape(given) != () or np.asarray(given).dtype.kind not in kinds:
-                    wanted = "True or False" if kinds == "b" else "a number"
-                    wrong = f"{what} ", given, f"{form}, where this is {wanted}"
-                    break
-        if wrong is not None:
-            what, given, wanted = wrong
-            of_shape = f" of shape {shape}" if (shape := getattr(given, "shape", None)) else ""
-            shown = f"{method}() of {one_line(self.env, 100)} gave {what}{quoted(given)}{of_shape}"
-            raise SwingupError(f"{shown}: Gymnasium's returns {wanted}")
+        space, seen = self.observation_space.shape, returned[0]
+        wanted = f"one of shape {space}, as its observation_space"
+        require(space is None or np.shape(seen) == space, "the observation ", seen, wanted)
+        if method == "step":
+            names = ("the reward", "terminated =", "truncated =")
+            for what, kinds, value in zip(names, ("fiub", "b", "b"), returned[1:4], strict=True):
+                wanted = f"{form}, where this is {'True or False' if kinds == 'b' else 'a number'}"
+                require(np.shape(value) == () and np.asarray(value).dtype.kind in kinds, f"{what} ", value, wanted)
         self._checked.add(method)

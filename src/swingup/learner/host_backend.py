@@ -46,7 +46,7 @@ class EpisodeEvaluator(AbstractEvaluator):
         self.observation_shape = environments.observation_space.shape or ()
         self._env, self._name, self._seed, self._episodes = env, name, seed, episodes
         self.actions = environments.actions
-        self._usual: Environments | None = None
+        self._environments: Environments | None = None
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> Evaluation:
         """Means over the episodes."""
@@ -56,9 +56,9 @@ class EpisodeEvaluator(AbstractEvaluator):
             # Another number is asked for once or twice; only the usual environments are kept.
             with contextlib.closing(make_environments(self._env, episodes)) as environments:
                 return play(policy, environments, self._seed)
-        if self._usual is None:
-            self._usual = make_environments(self._env, self._episodes)
-        return play(policy, self._usual, self._seed)
+        if self._environments is None:
+            self._environments = make_environments(self._env, self._episodes)
+        return play(policy, self._environments, self._seed)
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
         """Write a policy file that names the environment and the bounds of its actions."""
@@ -71,9 +71,9 @@ class EpisodeEvaluator(AbstractEvaluator):
 
     def close(self) -> None:
         """Close the environments that were made here."""
-        if self._usual is not None:
-            self._usual.close()
-        self._usual = None
+        if self._environments is not None:
+            self._environments.close()
+        self._environments = None
 
 
 class HostBackend(AbstractBackend):

@@ -234,16 +234,11 @@ def read_metrics(path: str | Path) -> list[dict[str, Any]]:
 
 
 def _parse_row(line: str) -> dict[str, Any]:
-    """A row: finite numbers, words and nulls by name, among them the seed and the frames."""
-    row = json.loads(line, parse_constant=_refuse)
-    if not isinstance(row, dict) or any(isinstance(value, dict | list) for value in row.values()):
-        raise TypeError("a row is one level of names and values")
+    row = json.loads(line)
+    # Python reads NaN and infinities, which JSON does not have.
+    if not isinstance(row, dict) or any(isinstance(v, dict | list) or finite(v) != v for v in row.values()):
+        raise TypeError("a row is one level of names, and finite numbers, words and nulls")
     return row | {name: whole_number(name, row[name], 0) for name in ("seed", "frames")}
-
-
-def _refuse(constant: str) -> None:
-    """JSON has neither NaN nor infinities, although Python reads them."""
-    raise ValueError(f"{constant} is not a number")
 
 
 def step_time(*timed: Any) -> float | None:

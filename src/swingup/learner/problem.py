@@ -1,8 +1,7 @@
-"""What is trained on, as an object: a robot, a task in JAX, or environments that the host steps.
+"""The problem that a run solves, as an object: a robot, a task in JAX, or environments that the host steps.
 
-:func:`make_problem` and :func:`problem_from_record` are the registry: they alone know the kinds. A problem says
-which preset and intervals are its defaults, what a run's files keep of it and how a command names it, and it makes
-the back end.
+:func:`make_problem` and :func:`problem_from_record` alone know the kinds. A problem knows its default preset and
+intervals, its record in a run's files and its name on the command line, and makes the back end.
 """
 
 import abc
@@ -54,7 +53,7 @@ INTERVALS = {
 
 
 class AbstractProblem(abc.ABC):
-    """What is trained on."""
+    """A problem with its defaults, its names, its back end and its evaluation."""
 
     name: str
     """The robot, the id of an environment, or a description of an object that was passed in."""
@@ -77,7 +76,7 @@ class AbstractProblem(abc.ABC):
     @property
     @abc.abstractmethod
     def record(self) -> dict[str, Any]:
-        """What config.json keeps of it: the robot and its plant, or the environment."""
+        """The problem's entries of config.json: the robot and its plant, or the environment."""
 
     @property
     @abc.abstractmethod
@@ -89,9 +88,10 @@ class AbstractProblem(abc.ABC):
     def arguments(self) -> str:
         """The arguments that name it in a call of ``swingup.AREAPO``."""
 
+    @property
     @abc.abstractmethod
-    def changes(self) -> dict[str, Any]:
-        """Hyperparameters that it brings along."""
+    def num_envs(self) -> int | None:
+        """The number of environments that were passed in; None where the hyperparameters decide."""
 
     @abc.abstractmethod
     def on(self, env: Any) -> "AbstractProblem":
@@ -136,9 +136,9 @@ class RobotProblem(AbstractProblem):
     preset = PENDULUM_PRESET
     intervals = INTERVALS["robot"]
     continuing = False
+    num_envs = None
 
     def __post_init__(self) -> None:
-        """Refuse what is not a robot."""
         get_robot(self.name)
 
     @property
@@ -148,7 +148,7 @@ class RobotProblem(AbstractProblem):
 
     @property
     def command(self) -> Mapping[str, Any] | None:
-        """The robot, with its plant if that has a name."""
+        """The robot and its plant; None for a plant without a name."""
         if self.plant == LEADERBOARD:
             return {"robot": self.name}
         name = self.plant.name.removesuffix(FRICTIONLESS_SUFFIX)
@@ -167,16 +167,12 @@ class RobotProblem(AbstractProblem):
         numbers = ", ".join(f"{name}={value!r}" for name, value in self.plant.values().items())
         return repr(self.name) if self.plant == LEADERBOARD else f"{self.name!r}, plant=Plant({numbers})"
 
-    def changes(self) -> dict[str, Any]:
-        """None."""
-        return {}
-
     def on(self, env: Any) -> "RobotProblem":
-        """The robot, on a task of its own if one is given."""
+        """The robot on a task that is passed in, or else on the preset's."""
         return dataclasses.replace(self, task=env if isinstance(env, AbstractPendulumTask) else None)
 
     def check_episodes(self, episodes: int) -> None:
-        """Refuse more than the one."""
+        """Refuse any number but one: the score of a robot is that of one episode."""
         if episodes != 1:
             raise SwingupError(
                 f"evaluation_episodes = {episodes}, but a robot is scored by one episode: leave it out"
@@ -187,14 +183,14 @@ class RobotProblem(AbstractProblem):
         return get_task(get_preset(preset).task, get_robot(self.name), self.plant)
 
     def backend(self, preset: str, config: Config, seeds: Sequence[int], episodes: int) -> AbstractBackend:
-        """The compiled one."""
+        """The compiled back end with the benchmark's swing-up as its evaluator."""
         task = self.task or self.preset_task(preset)
         return CompiledBackend(task, config, seeds, SwingUpEvaluator(task, self.plant))
 
     def evaluate(
         self, policy: Policy[Any], seed: int, episodes: int | None, trained: Mapping[str, Any]
     ) -> Evaluation:
-        """Refused: other policies observe other things."""
+        """Refuse every policy: those trained elsewhere have other observations."""
         raise SwingupError(f"env = {self.name!r}: a robot judges its own policies, without env")
 
 
@@ -209,34 +205,31 @@ class TaskProblem(AbstractProblem):
 
     intervals = INTERVALS["environment"]
     continuing = False
+    num_envs = None
     command = None
     arguments = "env"
 
     @property
     def preset(self) -> str | None:
-        """None for a pendulum's task: its numbers suit several presets."""
+        """The preset of environments; a pendulum's task has none, since its numbers suit several presets."""
         return None if isinstance(self.task, AbstractPendulumTask) else ENV_PRESET
 
     @property
     def record(self) -> dict[str, Any]:
-        """The description."""
+        """The description, in the place of an environment's id."""
         return {"robot": None, "env": self.name}
 
-    def changes(self) -> dict[str, Any]:
-        """None."""
-        return {}
-
     def on(self, env: Any) -> AbstractProblem:
-        """The same name on another environment."""
+        """The problem of an environment that is passed in, under the same name."""
         return self if env is None else _passed_in(self.name, env)
 
     def check_episodes(self, episodes: int) -> None:
-        """Refuse none."""
+        """Refuse an evaluation without episodes."""
         if not episodes:
             raise SwingupError("evaluation_episodes = 0, but a task in JAX is scored by episodes: use 1 or more")
 
     def backend(self, preset: str, config: Config, seeds: Sequence[int], episodes: int) -> AbstractBackend:
-        """The compiled one."""
+        """The compiled back end with the mean return as its score."""
         self.check_episodes(episodes)
         evaluator = ReturnEvaluator(self.judged or self.task, seeds[0], episodes)
         return CompiledBackend(self.task, config, seeds, evaluator)
@@ -244,7 +237,7 @@ class TaskProblem(AbstractProblem):
     def evaluate(
         self, policy: Policy[Any], seed: int, episodes: int | None, trained: Mapping[str, Any]
     ) -> Evaluation:
-        """Play episodes of the task."""
+        """Play episodes of the task under a policy with its spaces."""
         check_spaces(policy, self.task.spaces)
         evaluator = ReturnEvaluator(self.task, seed, episodes or EPISODES)
         check_actions(trained, evaluator.described_actions)
@@ -253,11 +246,11 @@ class TaskProblem(AbstractProblem):
 
 @dataclass(frozen=True)
 class HostProblem(AbstractProblem):
-    """An environment that the host steps: a Gymnasium id, or what makes environments or is one."""
+    """An environment that the host steps: a Gymnasium id, an environment, or what makes environments."""
 
     name: str
     env: Any = field(compare=False, repr=False)
-    """What the name describes; None where it is not known."""
+    """The environment that the name describes; None where it is not known."""
 
     @property
     def record(self) -> dict[str, Any]:
@@ -271,45 +264,45 @@ class HostProblem(AbstractProblem):
 
     @property
     def preset(self) -> str | None:
-        """That of dm_control's acrobot, or of every other environment."""
+        """The preset of dm_control's acrobot, or of environments."""
         return ACROBOT_PRESET if self.name in ACROBOT_IDS else ENV_PRESET
 
     @property
     def intervals(self) -> Intervals:
-        """Those of a continuing task, of dm_control's acrobot or of every other environment."""
+        """The intervals of continuing tasks, of dm_control's acrobot or of environments."""
         if self.continuing:
             return INTERVALS["continuing task"]
         return INTERVALS["dm_control's acrobot" if self.name in ACROBOT_IDS else "environment"]
 
     @property
     def command(self) -> Mapping[str, Any] | None:
-        """The id."""
+        """The id; None for an environment that was passed in."""
         return None if self.name.startswith("<") else {"env": self.name}
 
     @property
     def arguments(self) -> str:
-        """The id or the object."""
+        """The id, or the name ``env`` of the variable with the environment."""
         return "env" if self.command is None else repr(self.name)
 
-    def changes(self) -> dict[str, Any]:
-        """Environments that were passed in keep their number."""
+    @property
+    def num_envs(self) -> int | None:
+        """The number of environments that were passed in; None for an id or what makes environments."""
         if self.env is None or isinstance(self.env, str):
-            return {}
+            return None
         # Imported here: Gymnasium is slow to load, and neither robots nor ids need it yet.
         from .environments import own_number
 
-        own = own_number(self.env)
-        return {} if own is None else {"num_envs": own}
+        return own_number(self.env)
 
     def on(self, env: Any) -> AbstractProblem:
-        """The same name on another environment."""
+        """The problem of an environment that is passed in, under the same name."""
         return self if env is None else _passed_in(self.name, env)
 
     def check_episodes(self, episodes: int) -> None:
-        """Any number: with none, the training episodes give the score."""
+        """Any number can be had: with 0, the training episodes give the score."""
 
     def backend(self, preset: str, config: Config, seeds: Sequence[int], episodes: int) -> AbstractBackend:
-        """The host's; dm_control's acrobot has a task in JAX for its own preset."""
+        """The host's back end; dm_control's acrobot has a task in JAX for its own preset."""
         if self.env is None:
             raise SwingupError(f"this run's environment was passed in ({self.name}): pass it again as env")
         if preset == ACROBOT_PRESET and isinstance(self.env, str) and self.env in ACROBOT_IDS:
@@ -329,12 +322,7 @@ class HostProblem(AbstractProblem):
 
 
 def make_problem(env: Any, plant: PlantLike | None = None) -> AbstractProblem:
-    """What is trained on, from all that ``swingup.AREAPO`` takes as ``env``.
-
-    Args:
-        env: a robot's name, a Gymnasium id, an environment, what makes environments, a task in JAX, or an
-            environment of gymnax or envelope.
-        plant: a robot's pendulum: a plant, its name or its file; None for the leaderboards'.
+    """The problem of anything that ``swingup.AREAPO`` takes as ``env``; a robot may have another plant.
 
     Raises:
         SwingupError: the environment cannot be adapted, or a plant is given without a robot.
@@ -347,7 +335,7 @@ def make_problem(env: Any, plant: PlantLike | None = None) -> AbstractProblem:
 
 
 def problem_from_record(content: Mapping[str, Any]) -> AbstractProblem:
-    """The inverse of ``record``; an environment that was passed in is not known then."""
+    """The problem of a ``record``, which does not hold an environment that was passed in."""
     robot, env, given = content["robot"], content["env"], content.get("plant")
     if (robot is None) == (env is None):
         raise SwingupError(f"robot = {quoted(robot)} and env = {quoted(env)}: one of the two is trained on")

@@ -184,7 +184,6 @@ class Run:
         return metrics
 
     def _report(self, rate: float, metrics: list[TrainingMetrics], evaluations: list[Evaluation]) -> TrainingReport:
-        """The report of a chunk with so many frames of all seeds a second."""
         seeds = zip(metrics, evaluations, self.progress.best, strict=True)
         rows = tuple(
             Row(self.settings.seed + index, self.frames, self.progress.seconds, rate, each, result, score_of(best))
@@ -193,7 +192,7 @@ class Run:
         return TrainingReport(self.frames, rate, rows, self.best_score)
 
     def _evaluate_all(self) -> list[Evaluation]:
-        """Evaluate the deterministic policy of each seed; keep those that are their seeds' best."""
+        """Evaluate each seed's deterministic policy, and keep it if it is the seed's best."""
         policies = self.policies()
         results = self.backend.evaluate(policies)
         for index, (policy, result) in enumerate(zip(policies, results, strict=True)):
@@ -233,12 +232,7 @@ class Run:
 
 
 def start_run(settings: RunSettings, folder: str | Path | None, frames: int) -> Run:
-    """A new run of ``frames`` frames a seed.
-
-    Args:
-        settings: what to train.
-        folder: one that does not exist yet or is empty; None to write nothing.
-        frames: length of the run.
+    """A new run of ``frames`` frames a seed, in a new or empty folder; without a folder it writes nothing.
 
     Raises:
         SwingupError: the folder holds something or cannot be written, or the task cannot be made.

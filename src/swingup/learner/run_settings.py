@@ -51,7 +51,6 @@ class RunSettings:
     """Episodes of an evaluation; 0: training episodes give the score, where the host steps the environments."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot work."""
         one_of("preset", self.preset, PRESETS)
         for name, minimum in MINIMUM.items():
             object.__setattr__(self, name, whole_number(name, getattr(self, name), minimum))
@@ -126,14 +125,15 @@ def make_run_settings(
     chosen = problem.choose_preset(preset)
     defaults = get_preset(chosen)
     # From names, so that misspelt ones are found.
-    config = vars(defaults.config) | problem.changes() | dict(changes or {})
+    own = {} if problem.num_envs is None else {"num_envs": problem.num_envs}
+    config = vars(defaults.config) | own | dict(changes or {})
     values = {"seed": 0, "seeds": defaults.seeds, **vars(problem.intervals)}
     values |= {name: value for name, value in given.items() if value is not None}
     return RunSettings(problem, chosen, config=config_from_dict(config, ("env", "folder", *SETTINGS)), **values)
 
 
 def run_settings_from_dict(content: Any) -> RunSettings:
-    """The inverse of ``as_dict``; settings that an older version did not have get their defaults."""
+    """The settings of a ``RunSettings.as_dict``; those that an older version did not have get their defaults."""
     try:
         own = {name: value for name, value in content.items() if name not in ("robot", "env", "plant")}
         return RunSettings(problem_from_record(content), **{**own, "config": config_from_dict(content["config"])})

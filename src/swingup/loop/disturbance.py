@@ -69,13 +69,8 @@ def sensed(loop: Loop, differences: bool, x: State, before: State, period: float
 
 def rate_limited(loop: Loop, wanted: Torque, before: Torque, dt: float | Scalar) -> Torque:
     """A motor's own torque (N m) on its way from ``before`` to ``wanted``, dt (s) later."""
-    most = loop.rate_limit * dt
-    return before + jnp.clip(wanted - before, -most, most)
-
-
-def ripple_torque(loop: Loop, q: JointAngles) -> Torque:
-    """Ripple torque (N m) at angles q (rad)."""
-    return loop.ripple * jnp.sin(loop.ripple_periods * q)
+    maximum = loop.rate_limit * dt
+    return before + jnp.clip(wanted - before, -maximum, maximum)
 
 
 def joint_loads(loop: Loop, x: State) -> Torque:
@@ -316,10 +311,12 @@ def motor_torques(
     noise, push = (jnp.where(driven, added, 0.0) for added in (torque_noise, pushes))
     if effects.sag:
         limits = sagging_limits(loop, limits, command, x[2:])
-    ripple = jnp.where(driven, ripple_torque(loop, x[:2]), 0.0) if effects.motors else jnp.zeros(2)
+    ripple = jnp.zeros(2)
+    if effects.motors:
+        ripple = jnp.where(driven, loop.ripple * jnp.sin(loop.ripple_periods * x[:2]), 0.0)
     if effects.drive:
-        asked = jnp.clip(command, -limits, limits) + pushes
-        mean, own = lagging(loop, before + loop.response * (asked - before), before, dt)
+        wanted = jnp.clip(command, -limits, limits) + pushes
+        mean, own = lagging(loop, before + loop.response * (wanted - before), before, dt)
         if effects.motors:
             mean, own = (rate_limited(loop, torque, before, dt) for torque in (mean, own))
         return jnp.stack([loop.gain1, loop.gain2]) * mean + ripple + noise, own

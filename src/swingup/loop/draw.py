@@ -50,8 +50,8 @@ def draw_values(domain: Domain, key: Key, margin: float = 0.0) -> PlantInLoop:
     A number's random value depends on its name and the key alone, not on the domain's other numbers.
     """
     low, high = (jnp.array([end.value(name) for name in ORDER]) for end in (domain.low, domain.high))
-    beyond = margin * (high - low)
-    drawn = jax.random.uniform(key, low.shape, low.dtype, low - beyond, jnp.maximum(high, low) + beyond)
+    margins = margin * (high - low)
+    drawn = jax.random.uniform(key, low.shape, low.dtype, low - margins, jnp.maximum(high, low) + margins)
     values = dict(zip(ORDER, drawn, strict=True))
     plant = domain.low.plant.changed(**{name: values[name] for name in NAMES})
     return PlantInLoop(plant, dataclasses.replace(domain.low.loop, **{name: values[name] for name in VALUES}))

@@ -1,9 +1,7 @@
-"""From what a caller names to what is simulated: plants in loops.
+"""The resolver: a name, a file, its content, a plant or a domain becomes a :class:`Domain`, plants in loops.
 
-:func:`resolve` alone turns a name, a file, its content, a plant or a domain into a :class:`Domain`. It is called
-once, where one of these comes in: in a command, :func:`swingup.judge`, ``AREAPO``, ``run_recipe``, ``excite`` or
-``rehearse``. What is called there takes a domain or a plant. The package's domains are files in ``loop/domains``,
-with the source of every number.
+Commands and public functions call :func:`resolve` once, where their user names something; all that they call takes
+a domain or a plant. The package's domains are files in ``loop/domains``, with the source of every number.
 """
 
 import dataclasses
@@ -49,7 +47,7 @@ def resolve(
     domain: Domain | Mapping[str, Any] | str | Path | None = None,
     share: float | None = None,
 ) -> Domain:
-    """What is simulated: plants in loops, of whatever names them. It is called once, where that comes in.
+    """The plants in loops that a user names.
 
     The first of these that gives a number has the last word:
 
@@ -193,10 +191,13 @@ def _in_loop(facts: Domain, domain: Domain) -> Domain:
 def _range(name: str, value: Any) -> tuple[float, float]:
     one_of("name", name, (*NAMES, TORQUE_LIMIT, *VALUES))
     ends = value if isinstance(value, list | tuple) else [value, value]
-    numbers = [number for number in map(_number, ends) if number is not None]
-    if len(ends) != 2 or len(numbers) != 2:
-        raise SwingupError(f"{name} = {quoted(value)} must be a number, or a range [low, high]")
-    low, high = numbers
+    try:
+        if bool in map(type, ends):
+            raise TypeError("a truth value")
+        # YAML reads 4e-5, which has no point, as a text.
+        low, high = map(float, ends)
+    except (TypeError, ValueError, OverflowError):
+        raise SwingupError(f"{name} = {quoted(value)} must be a number, or a range [low, high]") from None
     # Negated, so that NaN is refused as well.
     if not low <= high:
         raise SwingupError(f"{name} = [{low:g}, {high:g}] must be a range from low to high")
@@ -206,11 +207,3 @@ def _range(name: str, value: Any) -> tuple[float, float]:
             f"{name} = [{low:g}, {high:g}] must lie between {allowed.minimum:g} and {allowed.maximum:g}"
         )
     return low, high
-
-
-def _number(value: Any) -> float | None:
-    """A number, or a text that is one: YAML's 4e-5 has no point."""
-    try:
-        return None if isinstance(value, bool) else float(value)
-    except (TypeError, ValueError, OverflowError):
-        return None

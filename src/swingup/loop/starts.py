@@ -148,15 +148,13 @@ def still_states(
     return np.stack([upper, balance - upper, *np.zeros((2, *shape))], axis=-1)
 
 
-def winnable_states(key: Key, plant: Plant, number: int, longest: int, even: float) -> Float[Array, "n 4"]:
-    """About ``number`` states (rad, rad/s) from which some torque of the elbow leads upright.
+def winnable_states(key: Key, plant: Plant, number: int, steps: int, uniform_share: float) -> Float[Array, "n 4"]:
+    """About ``number`` states (rad, rad/s) from which some torque of the elbow leads upright, by up to ``steps``.
 
-    They are found backwards in time.
-
-    Backwards, the directions that run away from upright draw near it, and random torques spread the states over all
-    that can still be held. Some of the paths only ever give energy, forwards, and so begin low. They are up to
-    ``longest`` steps of 10 ms from upright. For a share ``even`` of the states the time to upright is uniform, for
-    the others its logarithm. States that are too fast are left out.
+    They are found backwards in time, in steps of 10 ms: there the directions that run away from upright draw near
+    it, and random torques spread the states over all that can still be held. Some of the paths only ever give
+    energy, forwards, and so begin low. For a share ``uniform_share`` of the states the time to upright is uniform,
+    for the others its logarithm. States that are too fast are left out.
     """
     keys = jax.random.split(key, 9)
     paths = 4096
@@ -180,10 +178,10 @@ def winnable_states(key: Key, plant: Plant, number: int, longest: int, even: flo
 
     upright = jnp.array([math.pi, 0.0, 0.0, 0.0])
     begin = upright + 1e-3 * jax.random.normal(keys[3], (paths, 4)), jnp.zeros(paths)
-    _, states = jax.lax.scan(backwards, begin, jax.random.split(keys[4], longest))
-    log_time = jax.random.uniform(keys[5], (number,), maxval=math.log(longest))
-    evenly = jax.random.randint(keys[6], (number,), 0, longest)
-    is_even = jax.random.bernoulli(keys[7], even, (number,))
+    _, states = jax.lax.scan(backwards, begin, jax.random.split(keys[4], steps))
+    log_time = jax.random.uniform(keys[5], (number,), maxval=math.log(steps))
+    evenly = jax.random.randint(keys[6], (number,), 0, steps)
+    is_even = jax.random.bernoulli(keys[7], uniform_share, (number,))
     times = jnp.where(is_even, evenly, jnp.floor(jnp.exp(log_time)).astype(int) - 1)
     found = states[times, jax.random.randint(keys[8], (number,), 0, paths)]
     energies = jax.vmap(lambda x: total_energy(plant, x))(found)

@@ -268,9 +268,9 @@ class CellSettings(eqx.Module):
     """Time anywhere before one that does not (s)."""
     kick: float | Scalar = 0.1
     """Duration of a kick (s)."""
-    longest: float | Scalar = 2.0
+    move_timeout: float | Scalar = 2.0
     """A move that has not reached its target ends after this time (s). Chosen."""
-    slow: float | Scalar = 2.0
+    settled_speed: float | Scalar = 2.0
     """A move ends with both joints slower than this (rad/s). Chosen."""
     kp: float | Scalar = 0.1
     """Stiffness of the position control (N m/rad). Chosen."""
@@ -332,19 +332,21 @@ class Cell(AbstractSupervisor[CellMemory]):
 
     def __call__(self, memory: CellMemory, t: Scalar, x: State) -> tuple[CellMemory, Intervention]:
         """Begin, continue or end a disturbance at time t (s)."""
-        given, settings = self.disturbances, self.settings
-        number = jnp.asarray(given.kick).shape[0]
+        disturbances, settings = self.disturbances, self.settings
+        number = jnp.asarray(disturbances.kick).shape[0]
         # Behind the last one the index stays there: that nothing begins any more is seen below.
         index = jnp.minimum(memory.done, number - 1)
-        target, kick = jnp.asarray(given.target)[index], jnp.asarray(given.kick)[index]
-        anywhere, moves = jnp.asarray(given.anywhere)[index], jnp.asarray(given.kick)[index] == 0
+        target, kick = jnp.asarray(disturbances.target)[index], jnp.asarray(disturbances.kick)[index]
+        anywhere, moves = jnp.asarray(disturbances.anywhere)[index], jnp.asarray(disturbances.kick)[index] == 0
         at_goal = self._near(x, jnp.asarray(UPRIGHT[:2], x.dtype))
         passed = memory.clock + (t - memory.t)
         # Away from the goal, the time there starts again.
         waited = jnp.where(anywhere | at_goal, passed, 0.0)
         wait = jnp.where(anywhere, settings.anywhere, settings.at_goal)
         begins = ~memory.active & (memory.done < number) & (waited >= wait)
-        there = (self._near(x, target) & jnp.all(jnp.abs(x[2:]) < settings.slow)) | (passed > settings.longest)
+        there = (self._near(x, target) & jnp.all(jnp.abs(x[2:]) < settings.settled_speed)) | (
+            passed > settings.move_timeout
+        )
         ends = memory.active & jnp.where(moves, there, passed >= settings.kick)
         active = (memory.active | begins) & ~ends
         clock = jnp.where(begins | ends, 0.0, jnp.where(memory.active, passed, waited))

@@ -23,12 +23,12 @@ MORE_NAMES = ("Ic1", "Ic2", "motor")
 """What is given beside a plant's numbers: inertias about the centres of mass (kg m²), and the torque of both motors
 before their gears (N m)."""
 
-USUAL_VALUES = {"Ir": 0.0, "gr": 1.0, "b1": 0.0, "b2": 0.0, "cf1": 0.0, "cf2": 0.0, "g": 9.81}
-"""What need not be given."""
+DEFAULT_VALUES = {"Ir": 0.0, "gr": 1.0, "b1": 0.0, "b2": 0.0, "cf1": 0.0, "cf2": 0.0, "g": 9.81}
+"""Values of what is not measured."""
 
 MOTORS = ("tl1", "tl2")
 
-HUGE = {"l": (10.0, "m", "mm"), "m": (100.0, "kg", "g"), "I": (1000.0, "kg m²", "kg mm² or g mm²")}
+HUGE_SIZES = {"l": (10.0, "m", "mm"), "m": (100.0, "kg", "g"), "I": (1000.0, "kg m²", "kg mm² or g mm²")}
 """Sizes beyond which a number looks like another unit's."""
 
 
@@ -52,17 +52,17 @@ def measured_plant(
     Raises:
         SwingupError: a name is unknown, a value is missing or given twice, or they make no pendulum.
     """
-    given = {one_of("value", name, (*NAMES, *MORE_NAMES)): value for name, value in (values or {}).items()}
-    given = {name: finite_number(name, value) for name, value in given.items()}
+    measured = {one_of("value", name, (*NAMES, *MORE_NAMES)): value for name, value in (values or {}).items()}
+    measured = {name: finite_number(name, value) for name, value in measured.items()}
     # Before the file is read, whose armature is divided by it.
-    if not given.get("gr", 1.0) > 0:
-        raise SwingupError(f"gr = {given['gr']:g} must be positive")
-    known, notes, name = _known(source, given, inertia)
-    facts = known | {each: value for each, value in given.items() if each in NAMES}
-    if "motor" in given:
-        _refuse_both(given, "motor", *MOTORS)
+    if not measured.get("gr", 1.0) > 0:
+        raise SwingupError(f"gr = {measured['gr']:g} must be positive")
+    known, notes, name = _known(source, measured, inertia)
+    facts = known | {each: value for each, value in measured.items() if each in NAMES}
+    if "motor" in measured:
+        _refuse_both(measured, "motor", *MOTORS)
         # A gear multiplies the motor's torque.
-        facts |= dict.fromkeys(MOTORS, given["motor"] * facts["gr"])
+        facts |= dict.fromkeys(MOTORS, measured["motor"] * facts["gr"])
     elif source is None and facts.keys() & set(MOTORS):
         facts = dict.fromkeys(MOTORS, 0.0) | facts
     needed = [f"{each}{link}" for each in ("m", "l") for link in (1, 2)]
@@ -71,44 +71,44 @@ def measured_plant(
         lacking = "a plant needs" if source is None else f"{name} does not say"
         raise SwingupError(f"{lacking} {', '.join(missing)}: add {missing[0]}=VALUE, in SI units")
     for link in (1, 2):
-        _refuse_both(given, f"I{link}", f"Ic{link}")
-        notes += _complete_link(facts, link, given)
+        _refuse_both(measured, f"I{link}", f"Ic{link}")
+        notes += _complete_link(facts, link, measured)
     plant = make_plant(facts, "the plant", name)
-    return MeasuredPlant(plant, [*notes, *_check(plant, given)])
+    return MeasuredPlant(plant, [*notes, *_check(plant, measured)])
 
 
 def _known(
-    source: PlantLike | None, given: Mapping[str, float], inertia: str | None
+    source: PlantLike | None, measured: Mapping[str, float], inertia: str | None
 ) -> tuple[dict[str, float], list[str], str]:
     """Numbers that a source has, its notes and its name."""
     if isinstance(source, str | Path) and is_model_file(source):
-        model = read_model(source, inertia, given.get("gr"))
+        model = read_model(source, inertia, measured.get("gr"))
         # A given length replaces the one that the file's shapes suggest.
-        notes = [note for note in model.notes if not ("l2" in given and note.startswith("l2 = "))]
+        notes = [note for note in model.notes if not ("l2" in measured and note.startswith("l2 = "))]
         return dict(model.facts), notes, str(source)
     if inertia is not None:
         raise SwingupError(f"inertia = {inertia} says how to read a URDF or an MJCF: leave it out")
     if source is None:
-        return dict(USUAL_VALUES), [], "measured"
+        return dict(DEFAULT_VALUES), [], "measured"
     found = load_plant(source)
     return found.values(), [], found.name
 
 
-def _refuse_both(given: Mapping[str, float], *names: str) -> None:
-    both = [name for name in names if name in given]
+def _refuse_both(measured: Mapping[str, float], *names: str) -> None:
+    both = [name for name in names if name in measured]
     # The others do not exclude one another: tl1 and tl2 may both be given.
     if len(both) > 1 and names[0] in both:
         raise SwingupError(f"{' and '.join(both)} say the same: give one of them")
 
 
-def _complete_link(facts: dict[str, float], link: int, given: Mapping[str, float]) -> list[str]:
+def _complete_link(facts: dict[str, float], link: int, measured: Mapping[str, float]) -> list[str]:
     """Add a link's centre of mass and inertia; returns what was assumed."""
     mass, length = facts[f"m{link}"], facts[f"l{link}"]
     notes, r, I, about_centre = [], f"r{link}", f"I{link}", f"Ic{link}"  # noqa: E741
     assumed = r not in facts
     centre = facts.setdefault(r, 0.5 * length)
-    if about_centre in given:
-        facts[I] = given[about_centre] + mass * centre**2
+    if about_centre in measured:
+        facts[I] = measured[about_centre] + mass * centre**2
     elif I not in facts:
         if not 0 <= centre <= length:
             raise SwingupError(
@@ -123,11 +123,11 @@ def _complete_link(facts: dict[str, float], link: int, given: Mapping[str, float
     return notes
 
 
-def _check(plant: Plant, given: Mapping[str, float]) -> list[str]:
+def _check(plant: Plant, measured: Mapping[str, float]) -> list[str]:
     """Check I ≥ m r², which fitted plants may break and given values may not, and tell the times of swings."""
     notes = []
     for name in ("l1", "l2", "m1", "m2", "I1", "I2"):
-        bound, unit, smaller = HUGE[name[0]]
+        bound, unit, smaller = HUGE_SIZES[name[0]]
         if getattr(plant, name) > bound:
             notes.append(f"{name} = {getattr(plant, name):g} {unit} is huge: is it in {smaller}?")
     for link in (1, 2):
@@ -137,7 +137,7 @@ def _check(plant: Plant, given: Mapping[str, float]) -> list[str]:
                 f"I{link} = {inertia:.4g} kg m² is below m{link} r{link}² = {point:.4g}, the minimum of a body "
                 f"about its joint: if it is about the centre of mass, give Ic{link}"
             )
-            if {f"I{link}", f"Ic{link}"} & given.keys():
+            if {f"I{link}", f"Ic{link}"} & measured.keys():
                 raise SwingupError(low)
             notes.append(low)
     # Times that a stopwatch can check are the best test of numbers from a ruler.

@@ -22,11 +22,11 @@ from .chain import READINGS, Link, Model, Part, double_pendulum
 from .files import CHOSEN_NUMBERS, OUR_ELEMENT
 from .model_formats import AT_SPEED, Source, check_numbers, has_physics, mjcf, urdf
 
-LARGEST_XML = 2_000_000
+MAXIMUM_BYTES = 2_000_000
 """Bytes of a file; meshes lie in files of their own."""
-DEEPEST = 60
+MAXIMUM_DEPTH = 60
 """Levels of elements."""
-MOST_ELEMENTS = 2_000
+MAXIMUM_ELEMENTS = 2_000
 """Elements of a file with all that it includes; MuJoCo takes up to 3 s for them, and longer by the square."""
 
 GENERATED_ELEMENTS = ("replicate", "composite", "flexcomp", "attach")
@@ -72,13 +72,13 @@ def read_model(path: str | Path, inertia: str | None = None, gear: float | None 
 # Expansion of entities makes XML dangerous: a few lines fill the memory, or read other files. Models need none.
 def _tree(path: str | Path) -> Element:
     """The elements of an XML file; a document type, and with it all entities, is refused."""
-    data, builder, parser, depth = read_bytes(path, LARGEST_XML), TreeBuilder(), expat.ParserCreate(), 0
+    data, builder, parser, depth = read_bytes(path, MAXIMUM_BYTES), TreeBuilder(), expat.ParserCreate(), 0
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         nonlocal depth
         depth += 1
-        if depth > DEEPEST:
-            raise SwingupError(f"its elements are deeper than {DEEPEST} levels")
+        if depth > MAXIMUM_DEPTH:
+            raise SwingupError(f"its elements are deeper than {MAXIMUM_DEPTH} levels")
         # A macro's numbers are not known before it is expanded.
         if tag.startswith("xacro:"):
             raise SwingupError("it is xacro: expand it first, with xacro FILE > x.urdf")
@@ -123,8 +123,8 @@ def _include(root: Element, folder: Path, read: set[Path], notes: list[str]) -> 
                 parent[place:place] = [*included]
             except (SwingupError, OSError, ValueError) as error:
                 notes.append(f"not read: <include> of {one_line(file, 80)} ({one_line(error, 80)})")
-    if sum(1 for _ in root.iter()) > MOST_ELEMENTS:
-        raise SwingupError(f"it has more than {MOST_ELEMENTS:,} elements: it is another kind of model")
+    if sum(1 for _ in root.iter()) > MAXIMUM_ELEMENTS:
+        raise SwingupError(f"it has more than {MAXIMUM_ELEMENTS:,} elements: it is another kind of model")
 
 
 @contextlib.contextmanager

@@ -239,9 +239,9 @@ def mjcf(root: Element, notes: list[str]) -> Source:
 
 def _check_driven(driven: Mapping[str, Any], joints: Iterable[str]) -> None:
     """Refuse motors of joints that the file does not have."""
-    if lost := sorted({*driven} - {*joints}):
+    if unknown := sorted({*driven} - {*joints}):
         raise SwingupError(
-            f"a motor acts on joint {quoted(lost[0])}, which the file does not have: correct its name"
+            f"a motor acts on joint {quoted(unknown[0])}, which the file does not have: correct its name"
         )
 
 

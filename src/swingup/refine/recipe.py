@@ -148,7 +148,12 @@ def run_recipe(
             not take such a policy or plant.
     """
     check_seeds(seed, 1)
-    stages, robot = stages_of(recipe, policy) if isinstance(recipe, str) else tuple(recipe), policy.robot
+    stages, robot = recipe, policy.robot
+    if isinstance(stages, str):
+        stages = RECIPES[one_of("recipe", stages, RECIPES)]
+        if recipe == RECOVER and policy.network.plant_stage is not None:
+            stages = RECOVER_ON_MANY
+    stages = tuple(stages)
     controller = policy_alone(policy)
     around, found = _refined_on(policy, stages, plant, domain)
     # Only the mean acts when a policy is judged; the deviation's head would stay without gradient.
@@ -210,13 +215,6 @@ def _refined_on(
     if plant is None and difference is not None:
         _LOGGER.warning("without a plant the policy is refined on the leaderboards': %s", difference)
     return resolve(domain=RECORDED), found
-
-
-def stages_of(recipe: str, policy: PendulumPolicy) -> tuple[Stage, ...]:
-    """A recipe's stages for a policy."""
-    one_of("recipe", recipe, RECIPES)
-    sees_plant = policy.network.plant_stage is not None
-    return RECOVER_ON_MANY if recipe == RECOVER and sees_plant else RECIPES[recipe]
 
 
 def first_plant(domain: Domain, robot: Robot) -> Plant:

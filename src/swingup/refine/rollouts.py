@@ -134,7 +134,12 @@ def _runs(
 
     def run(teacher: Teachers, thrown_at: State, thrown: Flag, acts: Flag, key: Key) -> Any:
         def start(rough: Scalar, key: Key) -> State:
-            return jnp.where(thrown, thrown_at, _near_swingup(teacher, rough, key))
+            # Mostly hanging, else on the way, and off it by as much as the run is rough.
+            which_key, row_key, off_key = jax.random.split(key, 3)
+            row = jax.random.randint(row_key, (), 0, len(teacher.torque))
+            row = jnp.where(jax.random.uniform(which_key) < 0.6, 0, row)
+            off = rough * jnp.array(OFF_SWINGUP, jnp.float32) * jax.random.normal(off_key, (4,))
+            return jnp.where(thrown, thrown_at, teacher.states[row] + jnp.where(row == 0, 0.3, 1.0) * off)
 
         def act(x: State, base: Array) -> tuple[Scalar, Any]:
             u, distance = teacher_torque(teacher, training.recovery, x)
@@ -193,12 +198,3 @@ def _noisy_run(
     times, kicks = jnp.arange(steps) * jnp.float32(DT), jax.random.normal(noise_key, (steps, 2))
     rows = jax.lax.scan(step, (start(rough, start_key), jnp.zeros(2)), (times, kicks))[1]
     return jax.tree.map(lambda row: row[::KEPT], rows)
-
-
-def _near_swingup(teacher: Teachers, rough: Scalar, key: Key) -> State:
-    # Mostly hanging, else on the way, and off it by as much as the run is rough.
-    which_key, row_key, off_key = jax.random.split(key, 3)
-    row = jax.random.randint(row_key, (), 0, len(teacher.torque))
-    row = jnp.where(jax.random.uniform(which_key) < 0.6, 0, row)
-    off = rough * jnp.array(OFF_SWINGUP, jnp.float32) * jax.random.normal(off_key, (4,))
-    return teacher.states[row] + jnp.where(row == 0, 0.3, 1.0) * off

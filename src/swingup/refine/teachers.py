@@ -1,10 +1,8 @@
-"""Plants to learn on, and a teacher for each: the best torque known for a plant that is known, in any state.
+"""Plants to learn on, about the leaderboards' and the robot's, and a teacher for each: a torque in any state.
 
-Plants are drawn about the leaderboards' and the robot's: none of them is on the board's grid.
-
-Near the plant's own optimal swing-up a teacher is that swing-up with its feedback gains, about the nearest of its
-rows: no time enters. At the top it is the plant's LQR. Elsewhere it is a policy that recovers from anywhere on the
-nominal plant, with its torque changed so that the plant moves as the nominal one would.
+Near its plant's optimal swing-up a teacher follows the nearest row of that swing-up with its feedback gains: no
+time enters. At the top it is the plant's LQR. Elsewhere a policy that recovers on the nominal plant acts, with its
+torque changed so that the plant moves as the nominal one would.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..benchmark.robustness_board import MODEL_SWEEPS, ModelSweep
+from ..benchmark.robustness_board import MODEL_SWEEPS
 from ..common.errors import SwingupError
 from ..common.types import Key, Scalar, State
 from ..controllers.baselines.continuation import (
@@ -98,7 +96,10 @@ def draw_plants(
 
     def single(_: int) -> Plant:
         sweep = MODEL_SWEEPS[names[random.integers(len(names))]]
-        return sweep.varied(nominal, _anywhere(random, sweep))
+        low, high = sweep.sweep.low, sweep.sweep.high
+        margin = MARGIN * (high - low)
+        # A range that begins at 0 ends there: a rotor's inertia is never negative.
+        return sweep.varied(nominal, random.uniform(low - margin if low else low, high + margin))
 
     def joint(_: int) -> Plant:
         return _all_off(random, nominal, SHARE)
@@ -113,7 +114,10 @@ def draw_plants(
 
     def of_robot(index: int) -> Plant:
         plant = _of_robot(random, robot, domain, nominal)
-        return plant if (index + 1) % ROTORS else _any_rotor(random, plant)
+        if (index + 1) % ROTORS:
+            return plant
+        rotor = random.uniform(0.0, MAX_ROTOR * (GEAR / plant.gr) ** 2)
+        return replace(plant, Ir=rotor, I1=plant.I1 + plant.gr**2 * (plant.Ir - rotor))
 
     kinds = ((single, draws.single), (joint, draws.joint), (with_friction, draws.friction), (of_robot, draws.robot))
     return batch_of([_pendulum(kind, index) for kind, number in kinds for index in range(number)])
@@ -182,18 +186,6 @@ def _residual_friction(robot: Robot, domain: Domain, scales: Scales) -> dict[str
     return ends | {name: (-over * value, value) for name, value in left.items()}
 
 
-def _any_rotor(random: np.random.Generator, plant: Plant) -> Plant:
-    rotor = random.uniform(0.0, MAX_ROTOR * (GEAR / plant.gr) ** 2)
-    return replace(plant, Ir=rotor, I1=plant.I1 + plant.gr**2 * (plant.Ir - rotor))
-
-
-def _anywhere(random: np.random.Generator, sweep: ModelSweep) -> float:
-    low, high = sweep.sweep.low, sweep.sweep.high
-    margin = MARGIN * (high - low)
-    # A range that begins at 0 ends there: a rotor's inertia is never negative.
-    return random.uniform(low - margin if low else low, high + margin)
-
-
 class Teachers(eqx.Module):
     """A teacher for each of n plants, in single precision."""
 
@@ -227,13 +219,10 @@ class TrainingSet(NamedTuple):
 def make_training_set(
     recovery: PolicyController, targets: Plant, copies: int, progress: Callable[[int, int], None] = lambda *_: None
 ) -> TrainingSet:
-    """Teachers for drawn plants, as far as their swing-ups are reached, and for the nominal one.
+    """Teachers for drawn plants, as far as their swing-ups are reached, and several for the nominal one.
 
-    Args:
-        recovery: the policy that recovers, in C.1's units.
-        targets: the drawn plants, in these units, leaves of shape (n,).
-        copies: number of the nominal plant's teachers.
-        progress: called with the number of swing-ups that are done, and of all.
+    The policy that recovers and the drawn plants, with leaves of shape (n,), are in C.1's units. ``progress`` is
+    called with the number of swing-ups that are done, and of all.
     """
     robot, nominal = recovery.robot, plant_of(recovery)
     # The continuation's settings suit swing-ups of the same duration in T.
@@ -268,13 +257,7 @@ def make_teachers(swingups: SwingUps, nominal: Plant = LEADERBOARD) -> Teachers:
 
 
 def teacher_torque(one: Teachers, recovery: PolicyController, x: State) -> tuple[Scalar, Scalar]:
-    """A teacher's torque (N m) in a state, and the distance from its plant's swing-up.
-
-    Args:
-        one: one plant's teacher, leaves without the leading axis.
-        recovery: the policy that recovers, in single precision.
-        x: the state (rad, rad/s).
-    """
+    """One plant's teacher: its torque (N m) in a state (rad, rad/s), and the distance from the plant's swing-up."""
     limit = recovery.torque_limit
     off = x - one.states
     off = off.at[:, :2].set(JAX.nearest(off[:, :2]))

@@ -163,12 +163,12 @@ class AcrobotPractice(AcrobotSwingup):
 
     def reset(self, key: Key) -> PendulumState:
         """As in the task, or in one of the starts."""
-        usual, which, chance = jax.random.split(key, 3)
-        state = super().reset(usual)
+        state_key, start_key, chance_key = jax.random.split(key, 3)
+        state = super().reset(state_key)
         if self.starts is None:
             return state
-        start = jax.random.choice(which, self.starts)
-        at_start = jax.random.bernoulli(chance, self.start_share)
+        start = jax.random.choice(start_key, self.starts)
+        at_start = jax.random.bernoulli(chance_key, self.start_share)
         return PendulumState(x=jnp.where(at_start, start, state.x), steps=state.steps)
 
     def observe(self, state: PendulumState) -> Observation:
@@ -182,7 +182,7 @@ class AcrobotPractice(AcrobotSwingup):
 
 def acrobot_practice(sparse: bool = False) -> AcrobotPractice:
     """What the preset `acrobot` trains on: half of the episodes begin on paths of up to 4 s to upright."""
-    starts = winnable_states(jax.random.key(STARTS_SEED), CAPSULES, STARTS, longest=400, even=0.7)
+    starts = winnable_states(jax.random.key(STARTS_SEED), CAPSULES, STARTS, steps=400, uniform_share=0.7)
     return AcrobotPractice(sparse, ACTION_REPEAT, 0.004, starts, start_share=0.55)
 
 

@@ -148,7 +148,7 @@ def arrays_of(name: str, tree: Any) -> Any:
 
 
 def check_hash(name: str, static: Any) -> None:
-    """Refuse what JAX cannot compile by."""
+    """Refuse a static value without a hash."""
     try:
         hash(static)
     except TypeError as error:
@@ -181,7 +181,7 @@ class GymnaxTask(AbstractAdaptedTask):
 
     The task calls ``step``, which resets an environment that ended and shows in ``info["final_observation"]`` what
     the reset replaced: the returned state is already the next episode's. An environment without ``step`` has
-    ``step_env``, which resets nothing, and ``is_truncated``.
+    ``step_env``, which resets nothing, and ``is_truncated``. All have ``reset(key, params)`` and spaces.
     """
 
     env: Any = eqx.field(static=True)
@@ -191,28 +191,23 @@ class GymnaxTask(AbstractAdaptedTask):
     """``step``, or ``step_env`` where the environment has no ``step``."""
 
     def __init__(self, env: Any, params: Any = None) -> None:
-        """Wrap an environment.
-
-        Args:
-            env: has ``reset(key, params)``, ``action_space(params)``, ``observation_space(params)``, and either
-                gymnax 1.0's ``step`` or ``step_env`` and ``is_truncated``.
-            params: its parameters; None for its ``default_params``.
+        """Wrap an environment with its parameters; None for its ``default_params``.
 
         Raises:
             SwingupError: a method is missing or fails, or a space or a result is not supported.
         """
         name = type(env).__name__
         check_hash(name, env)
-        given = attribute(env, "default_params") if params is None else params
+        parameters = attribute(env, "default_params") if params is None else params
         with errors_named_after(f"{name}.action_space(params)"):
-            self.actions = space_actions(env.action_space(given))
+            self.actions = space_actions(env.action_space(parameters))
         with errors_named_after(f"{name}.observation_space(params)"):
-            space = env.observation_space(given)
+            space = env.observation_space(parameters)
         if attribute(space, "low") is None:
             raise SwingupError(
                 f"observations {one_line(space, 100)} of {name} are not a Box: wrap it so that it shows one array"
             )
-        self.env, self.params = env, arrays_of(name, given)
+        self.env, self.params = env, arrays_of(name, parameters)
         # ``step_env`` is an environment's own; wrappers and gymnax's base class have ``step``.
         self.method = "step" if callable(attribute(env, "step")) else "step_env"
         with errors_named_after(f"{name}.reset(key, params)"):
@@ -265,10 +260,7 @@ class EnvelopeTask(AbstractAdaptedTask):
     env: Any
 
     def __init__(self, env: Any) -> None:
-        """Wrap an environment.
-
-        Args:
-            env: has ``init(key)``, ``step(state, action)``, ``action_space`` and ``observation_space``.
+        """Wrap an environment with spaces and these two methods.
 
         Raises:
             SwingupError: a method fails, or a space or a result is not supported.
