@@ -30,7 +30,7 @@ _MAXIMUM_DEPTH = 8
 
 
 def read_arrays(path: str | Path, content: bytes) -> dict[str, np.ndarray]:
-    """Columns of the file's usual length by name; a column may have one row less or more."""
+    """Columns of the file's commonest length by name; a column may have one row less or more."""
     mat = Path(path).suffix.lower() == ".mat"
     try:
         arrays = _named(list(_columns((), _read_mat(content) if mat else _read_numpy(io.BytesIO(content)))))

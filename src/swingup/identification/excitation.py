@@ -1,10 +1,9 @@
 """Excitations: of a dozen fixed motions the one with the most information, as strong as the limits allow.
 
-The plant in the middle of the prior follows each motion by feedback; its torques and its motion, with the same
-feedback, are what a robot plays. So other plants move alike. Each is played on plants drawn from the prior and on
-the corners of its ranges, and made smaller until all of them keep the limits. Of what is left, the excitation has
-the largest determinant of Yᵀ Y, with the matrix Y of the linear regression that ``identify`` starts from
-(D-optimality).
+A robot plays torques and motion of the plant in the middle of the prior, with its feedback, so that other plants
+move alike. Each motion is made smaller until plants from the prior and the corners of its ranges keep the limits.
+The excitation then has the largest determinant of Yᵀ Y, with the matrix Y of the linear regression that
+``identify`` starts from (D-optimality).
 """
 
 import functools

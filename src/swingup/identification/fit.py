@@ -8,14 +8,12 @@ Each window starts from the smoothed measurement (multiple shooting with fixed s
 of the errors at each output time, for angles and velocities of each joint, and is estimated between two stages.
 Short predictions come first: their errors are nearly linear in the parameters, also far from the solution.
 
-Intervals come from a Bayesian bootstrap over logs and blocks, each draw solved in one step of Gauss and Newton.
-Errors of neighbouring windows are alike, so that windows are drawn in blocks of 1 s. A draw gives each block a
-weight from Exp(1). Each log, and each output time and state of the predictions, gets a weight with a quarter of its
-variance: where short and long predictions, or angles and velocities, disagree on an unknown, the model is not exact
-and the interval is wider. Each draw also has its own expectation of each unknown, so that an unknown
-which the logs leave open keeps the width of its expectation. Sources: Rubin, The Bayesian bootstrap (Annals of
-Statistics 9, 1981); the gradients of few blocks are corrected for their leverage as in Bell and McCaffrey (Survey
-Methodology 28, 2002).
+Intervals come from a Bayesian bootstrap (Rubin, Annals of Statistics 9, 1981), each draw solved in one step of
+Gauss and Newton. Errors of neighbouring windows are alike: blocks of 1 s get weights from Exp(1). Each log, output
+time and state gets a weight with a quarter of its variance: where short and long predictions, or angles and
+velocities, disagree on an unknown, the interval is wider. Each draw has its own expectations, so that an unknown
+which the logs leave open keeps the width of its expectation. The gradients of few blocks are corrected for their
+leverage as in Bell and McCaffrey (Survey Methodology 28, 2002).
 """
 
 from collections.abc import Sequence

@@ -43,7 +43,7 @@ class Identification:
     start_name: str
     setting: Integration
     recordings: Sequence[Recording]
-    """Those that were fitted, then those that were held out."""
+    """Recordings that were fitted, then recordings that were held out."""
     models: Float[np.ndarray, "logs 15"]
     """The fitted model of each recording, ``prediction.NAMES``, from motion that is not held out."""
     start_models: Float[np.ndarray, "logs 15"]
@@ -64,11 +64,7 @@ class Identification:
         }
 
     def save(self, path: str | Path, *more: str | Path) -> Path:
-        """Write the plant to files (.yml, .urdf or .xml), and the domain beside the first; returns its path.
-
-        Raises:
-            SwingupError: a file cannot be written.
-        """
+        """Write the plant to files (.yml, .urdf or .xml), and the domain beside the first; returns its path."""
         logs = one_line(", ".join(recording.name for recording in self.recordings), 500)
         source = f"Source: swingup {__version__} identify, from {logs}."
         for each in (path, *more):

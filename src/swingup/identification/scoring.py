@@ -1,12 +1,9 @@
 """The fixed scoring of predictions: errors after 0.1, 0.25 and 0.5 s, over windows that no model can choose.
 
 Windows of 0.5 s start every 0.1 s where a joint is faster than 1 rad/s. A prediction starts from the smoothed
-measurement, and its start is never optimised. It is compared with the smoothed measurement. The error is the root
-mean square over all windows and both joints.
-
-A plant's open-loop predictions of a log (``predict_log``) use the same windows up to 0.5 s: their errors are those
-that ``identify`` reports. After 1 s an error says less: where the motion is unstable any plant is lost by then, and
-medians say more.
+measurement, never from an optimised start, and is compared with it. The error is the root mean square over windows
+and joints, for ``identify`` as for ``predict_log``. After 1 s medians say more: where the motion is unstable, any
+plant is lost by then.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,6 +1,6 @@
 """Segments of recordings: smoothed states at equal times after a start, and the impulse of the torques.
 
-A window of a fit, a span of the regression and a prediction that is drawn are segments of different lengths.
+Windows of fits, spans of the regression and predictions that are drawn are segments of different lengths.
 
 Around a time t the smoother fits the cubic c0 + c1 s + c2 s² + c3 s³, s = row time - t, by least squares to the
 rows within 20 ms; then q(t) = c0 and dq(t) = c1. A log at 33 Hz has fewer than six rows there: the six nearest are

@@ -138,7 +138,7 @@ def split_seeds(tree: TreeT, seeds: int) -> list[TreeT]:
 
 
 def join_seeds(members: Sequence[LearnerState]) -> LearnerState:
-    """The inverse of ``split_seeds``."""
+    """The states of several seeds as one, with a leading axis."""
     return members[0] if len(members) == 1 else jax.tree.map(lambda *leaves: jnp.stack(leaves), *members)
 
 

@@ -58,11 +58,7 @@ class Run:
 
     @property
     def folder(self) -> Path:
-        """The run's folder.
-
-        Raises:
-            SwingupError: it has none.
-        """
+        """The run's folder; a run without one is refused."""
         if self._folder is None:
             raise SwingupError("this run writes no files: give it a folder")
         return self._folder.path
@@ -100,10 +96,7 @@ class Run:
         """The complete state, and the metadata of a checkpoint.
 
         State that it does not hold is reset in this run as well. A run that continues from it then does the same as
-        this one.
-
-        Raises:
-            SwingupError: the weights are not finite.
+        this one. Weights that are not finite are refused.
         """
         self._check_finite((self.progress.state.actor, self.progress.state.critic), "weights are")
         self._fresh = True

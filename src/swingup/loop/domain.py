@@ -131,11 +131,7 @@ class Domain:
 
     @property
     def facts(self) -> Plant:
-        """The one plant of a domain without ranges, under the domain's name.
-
-        Raises:
-            SwingupError: the plant has a range.
-        """
+        """The plant of a domain, under the domain's name; a plant with a range is refused."""
         for name in NAMES:
             low, high = self.low.value(name), self.high.value(name)
             if low != high:

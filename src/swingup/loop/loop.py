@@ -65,7 +65,7 @@ class Loop:
     """Time constant of the motors' first-order lag (s)."""
     gain1: Annotated[Number, Range(0.0, 10.0)] = 1.0
     gain2: Annotated[Number, Range(0.0, 10.0)] = 1.0
-    """Delivered over asked torque of the motors of shoulder and elbow."""
+    """Delivered over commanded torque of the motors of shoulder and elbow."""
     passive_push: Annotated[Number, Range(0.0, LARGEST_NUMBER), TORQUE] = 0.0
     """Largest peak of the one push on the passive joint (N m)."""
     spring1: Annotated[Number, Range(0.0, LARGEST_NUMBER), TORQUE] = 0.0
@@ -102,7 +102,7 @@ class Loop:
 
 
 VALUES: dict[str, Range] = {each.name: bounds for each in dataclasses.fields(Loop) for bounds in notes(each, Range)}
-"""Least and largest value of each number of a loop, by name."""
+"""Minimum and maximum of each number of a loop, by name."""
 
 PERFECT_LOOP = Loop()
-"""No delay, no noise, and motors that do what they are asked for."""
+"""No delay, no noise, and motors that deliver their commands."""

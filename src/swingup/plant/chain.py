@@ -1,9 +1,8 @@
-"""From two links in space to the numbers of a double pendulum.
+"""The numbers of a double pendulum from two links in space.
 
-A plant swings in one vertical plane: both joints' axes are horizontal and parallel, and the centre of link 1 lies
-on the line from the shoulder to the elbow. Bodies without a joint belong to the link that carries them. Offsets
-along the axes have no effect. All places and directions are in the frame of what stands still, with the joints
-where the file draws them.
+Both joints' axes are horizontal and parallel, and the centre of link 1 lies on the line from the shoulder to the
+elbow. Offsets along the axes have no effect. All places and directions are in the frame of what stands still, with
+the joints where the file draws them.
 """
 
 import math
@@ -93,11 +92,10 @@ class _Plane(NamedTuple):
 def double_pendulum(
     links: tuple[Link, Link], gravity: Vector, gear: float, notes: list[str], inertia: str | None, is_asked: bool
 ) -> Model:
-    """The plant's numbers of two links, of which the first carries the second.
+    """The plant's numbers of two links, of which the first carries the second, under a gravity (m/s²).
 
-    Gravity is a vector (m/s²). The gear ratio divides the armature between motors and rotors. Stated inertias are
-    about what ``inertia`` names, one of :data:`READINGS`, or else as the format has it. Where the user
-    ``is_asked``, inertias that may be about either are refused without it.
+    The gear ratio divides the armature between motors and rotors. Stated inertias are about one of
+    :data:`READINGS`; where the user ``is_asked``, inertias that may be about either are refused without it.
     """
     for link in links:
         if min(link.damping, link.coulomb, link.armature) < 0:
@@ -145,16 +143,12 @@ def _plane(links: tuple[Link, Link], gravity: Vector) -> _Plane:
     # Rounding may make a product of unit vectors larger than 1.
     lean = math.asin(min(1.0, abs(float(first @ down))))
     if lean > TURNED_ANGLE:
-        raise SwingupError(
-            f"the axis of joint {one} leans {math.degrees(lean):.3g}° from the horizontal: a plant swings in a "
-            "vertical plane"
-        )
+        leans = f"leans {math.degrees(lean):.3g}° from the horizontal"
+        raise SwingupError(f"the axis of joint {one} {leans}: a plant swings in a vertical plane")
     turned = math.asin(min(1.0, float(np.linalg.norm(np.cross(first, second)))))
     if turned > TURNED_ANGLE:
-        raise SwingupError(
-            f"the axis of joint {other} is turned by {math.degrees(turned):.3g}° from that of {one}: a plant's "
-            "links swing in one plane"
-        )
+        turns = f"is turned by {math.degrees(turned):.3g}° from that of {one}"
+        raise SwingupError(f"the axis of joint {other} {turns}: a plant's links swing in one plane")
     down = down - (down @ first) * first
     down /= np.linalg.norm(down)
     return _Plane(first, down, np.cross(first, down))

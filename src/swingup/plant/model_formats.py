@@ -204,10 +204,8 @@ def mjcf(root: Element, notes: list[str]) -> Source:
     for section in COUPLED_SECTIONS:
         for element in root.iterfind(f"{section}/*"):
             if element.get("active", "true") == "true" and element.tag != "skin":
-                name = quoted(element.get("name", ""))
-                raise SwingupError(
-                    f"<{section}> has <{element.tag}> {name}, which has no place in a plant: remove it"
-                )
+                shown = f"<{element.tag}> {quoted(element.get('name', ''))}"
+                raise SwingupError(f"<{section}> has {shown}, which has no place in a plant: remove it")
     for parent in [*root.iter()]:
         parent.attrib.pop("material", None)
         unread = [each for each in parent if each.tag in DRAWN_ELEMENTS]
@@ -216,8 +214,7 @@ def mjcf(root: Element, notes: list[str]) -> Source:
             parent.remove(each)
     spec = mujoco.MjSpec.from_string(tostring(root, "unicode"))
     for name in ("density", "viscosity"):
-        if getattr(spec.option, name) != 0:
-            size = getattr(spec.option, name)
+        if (size := getattr(spec.option, name)) != 0:
             raise SwingupError(f"<option> has {name} = {size:g}, and a plant moves in vacuum: remove it")
     if any(geom.contype or geom.conaffinity for geom in spec.geoms) and has_physics(spec, "CONTACT", "CONSTRAINT"):
         notes.append("left out: contacts of the links")
@@ -264,17 +261,14 @@ def _check_bodies(spec: Any) -> None:
         if np.any(np.atleast_1d(joint.damping)[1:]):
             raise SwingupError(f"{where} has damping that is not linear: write one number")
     for body in spec.bodies:
+        where, names = f"<body> {quoted(body.name)} has", ", ".join(quoted(joint.name) for joint in body.joints)
         # MuJoCo takes a negative one for 0.
         if body.mass < 0:
-            raise SwingupError(f"<body> {quoted(body.name)} has mass = {body.mass:g}, which must not be negative")
+            raise SwingupError(f"{where} mass = {body.mass:g}, which must not be negative")
         if body.gravcomp:
-            where = f"<body> {quoted(body.name)}"
-            raise SwingupError(f"{where} has gravcomp, and gravity pulls all of a plant: remove it")
+            raise SwingupError(f"{where} gravcomp, and gravity pulls all of a plant: remove it")
         if len(body.joints) > 1:
-            names = ", ".join(quoted(joint.name) for joint in body.joints)
-            raise SwingupError(
-                f"<body> {quoted(body.name)} has {len(body.joints)} joints ({names}): a plant's links have one each"
-            )
+            raise SwingupError(f"{where} {len(body.joints)} joints ({names}): a plant's links have one each")
 
 
 def _leave_meshes_out(spec: Any) -> None:
@@ -286,13 +280,8 @@ def _leave_meshes_out(spec: Any) -> None:
             mass = geom.density if math.isnan(geom.mass) else geom.mass
             # 0: never from geoms; 1: always; 2: where no inertia is stated.
             counts = source == 1 or (source == 2 and not geom.parent.explicitinertial)
-            if (
-                geom.parent.name != "world"
-                and kind != "hfield"
-                and counts
-                and mass
-                and groups[0] <= geom.group <= groups[1]
-            ):
+            counts = counts and groups[0] <= geom.group <= groups[1]
+            if counts and mass and kind != "hfield" and geom.parent.name != "world":
                 name = f"<geom> {quoted(geom.name)} of {quoted(geom.parent.name)}"
                 raise SwingupError(f"{name} is a mesh: give its body an <inertial>")
             spec.delete(geom)

@@ -224,8 +224,7 @@ def lump(p: Plant) -> Lumped:
 def torque_over_gravity(parameters: Plant) -> float:
     """Larger torque limit over Γ: above 1 a motor at the shoulder can hold the stretched arm level.
 
-    Raises:
-        SwingupError: gravity does not pull the plant's stretched arm down, or its inertia is not positive.
+    A plant without a positive inertia, or whose stretched arm gravity does not pull down, is refused.
     """
     return float(max(parameters.tl1, parameters.tl2)) / time_and_gravity(parameters)[1]
 

@@ -11,9 +11,8 @@ every pendulum then has C.1's l1 and g, and its inertial base parameters alone t
 limit is the unit of torque, the upper link that of length. Ratios remain: two pendulums move alike only if their
 other parameters are equal in these units, and then both units of time give the same.
 
-Numbers are written down for C.1, with their units in their fields' annotations: :func:`scaled` multiplies them, and
-:func:`similar_plant` divides a plant's own. Nothing else knows how a unit scales: what is not a record is
-converted by :meth:`Scales.scaled` and :meth:`Scales.similar`. The loop's real period stays everywhere.
+Numbers are written down for C.1, with their units in their fields' annotations. :func:`scaled`,
+:func:`similar_plant` and :class:`Scales` alone know how a unit scales. The loop's real period stays everywhere.
 """
 
 import dataclasses
@@ -47,11 +46,11 @@ NUMBER = Unit()
 TIME, VELOCITY, ACCELERATION = Unit(time=1), Unit(time=-1), Unit(time=-2)
 TORQUE, TORQUE_RATE, DAMPING, INERTIA, COMPLIANCE = Unit(1), Unit(1, -1), Unit(1, 1), Unit(1, 2), Unit(-1)
 LENGTH, MASS, MOMENT, GRAVITY = Unit(length=1), Unit(1, 2, -2), Unit(1, 2, -1), Unit(0, -2, 1)
-"""MOMENT is that of a mass times a length."""
+"""MOMENT is the unit of a mass times a length."""
 STATE = (NUMBER, NUMBER, VELOCITY, VELOCITY)
 """[q1, q2, dq1, dq2]."""
 BASE_UNITS = (INERTIA, INERTIA, MOMENT, MOMENT, DAMPING, DAMPING, TORQUE, TORQUE, INERTIA)
-"""Those of the base parameters."""
+"""Units of the base parameters."""
 
 PLANT_UNITS = {
     **dict.fromkeys(("m1", "m2"), MASS), **dict.fromkeys(("l1", "l2", "r1", "r2"), LENGTH),
@@ -123,8 +122,7 @@ C1 = Scales(1.0, 1.0, 1.0)
 def scales_of(parameters: Plant) -> Scales:
     """The units of a pendulum, relative to C.1's: exactly 1 for C.1, with or without its frictions and rotors.
 
-    Raises:
-        SwingupError: gravity does not pull its stretched arm down, or its inertia is not positive.
+    A pendulum without a positive inertia, or whose stretched arm gravity does not pull down, is refused.
     """
     time, _ = time_and_gravity(parameters)
     absolute = time, float(max(parameters.tl1, parameters.tl2)), float(parameters.l1)
@@ -143,10 +141,10 @@ def similar_plant(plant: Plant, scales: Scales) -> Plant:
 
 
 def scaled(record: RecordT, scales: Scales) -> RecordT:
-    """A record, a dataclass, of numbers that suit C.1, for a pendulum of other units.
+    """A dataclass of numbers that suit C.1, for a pendulum of other units.
 
     Fields whose annotations have a :class:`Unit` are multiplied by it, or the numbers of a tuple or of an array's
-    last axis by one each; None stays. Records in other fields are scaled as well.
+    last axis by one each; None stays. Dataclasses in other fields are scaled as well.
     """
     changes: dict[str, Any] = {}
     for field in dataclasses.fields(record):  # type: ignore[arg-type]  # a dataclass

@@ -1,12 +1,10 @@
 """Distillation: one network that sees its plant learns from a teacher for each of many plants.
 
 The rounds are those of DAgger (Ross, Gordon and Bagnell, AISTATS 2011): in the first the teachers act, in the
-others mostly the student, and in the states that are visited the teachers say what they would do. Runs begin near a
-plant's swing-up or where a throw leaves the pendulum, under noise of the torques. In many of them the student sees
-the nominal plant at first and its own only later, as behind an identifier. At the end two gradients are added: of
-the score through whole swing-ups of the nominal plant, and of the cost of recoveries on the plants.
-
-A policy that sees its plant can learn more by its own torques and those two gradients alone (:func:`recover`).
+others mostly the student, and the teachers answer in the visited states. In many runs the student sees the nominal
+plant at first and its own only later, as behind an identifier. At the end two gradients are added: of the score of
+whole swing-ups of the nominal plant, and of the cost of recoveries. :func:`recover` teaches a policy that sees its
+plant by its own torques and these two gradients alone.
 """
 
 from collections.abc import Callable
@@ -53,8 +51,6 @@ UP_SHARE = 0.1  # share of an episode in which the tip is up, from about which o
 SPREAD = 0.01  # maximum standard deviation of the initial states of the scored swing-ups (rad, rad/s)
 PARTS = 40  # calls in which steps are taken; progress is reported between them
 REPORT_EVERY = 8  # the student is reported after so many of them
-
-
 RECOVERY_STARTS = 8192  # states that recoveries begin in
 
 
