@@ -10,7 +10,7 @@ from swingup.controllers.registry import get_controller
 from swingup.export.c_header import c_header
 from swingup.export.realaigym import RealAIGymController
 from swingup.policy.estimator import EstimatorSettings
-from swingup.policy.guard import SENTENCES, GuardSettings, Reason, choose_guard
+from swingup.policy.guard import REASON_TEXTS, GuardSettings, Reason, choose_guard
 from swingup.policy.numpy_backend import numpy_controller
 from swingup.runtime import load_controller
 
@@ -117,7 +117,7 @@ def test_c_does_the_same(tmp_path, name, fault):
         first = controller.guard.fault
         np.testing.assert_array_equal(last, [first.joint, first.time, first.value])
     np.testing.assert_array_equal(reasons, expected)
-    assert said == SENTENCES[int(expected[-1])]
+    assert said == REASON_TEXTS[int(expected[-1])]
 
 
 def test_a_joint_that_stands_still_under_a_large_torque():

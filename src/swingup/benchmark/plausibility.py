@@ -32,28 +32,21 @@ HANGING_TOLERANCE = (0.2, 1.0)
 """A start within this of hanging at rest hangs (rad, and rad/s on C.1); recordings have 0.001 rad and 0.1 rad/s."""
 
 # Limits, and after the semicolon what the recordings have.
-_LONGEST, _GAP = 10.0, 0.1  # medians: a longer period is not jitter; 5. s: a longer period hides a swing-up; 0.04
-_UNEVEN = (0.5, 0.1)  # share of the median by which a period is uneven, and share of uneven periods; 0.01
-_SLOWEST, _FACTOR, _RATE = (
-    30.0,
-    2.0,
-    0.05,
-)  # slowest rate of a robot (Hz); factor and share from the board's rate
-_COMPENSATION, _PASSIVE = 0.5, 0.25  # N m for the passive joint's friction; share of the torque limit; 0.13
-_SLIP, _SLIP_RATE, _COARSEST = (
-    0.1,
-    8.0,
-    0.05,
-)  # rad in a window, and rad/s times a period up to 0.05 s; half of it
+_MAX_GAP_RATIO = 10.0  # medians: a longer period is not jitter; 5
+_MAX_GAP = 0.1  # s: a longer period hides a swing-up; 0.04
+_UNEVEN_PERIODS = (0.5, 0.1)  # share of the median by which a period is uneven, and share of uneven periods; 0.01
+_MIN_RATE = 30.0  # Hz, of a robot
+_RATE_FACTOR, _RATE_SHARE = 2.0, 0.05  # factor and share by which the rate may differ from the board's
+_MAX_COMPENSATION, _PASSIVE_SHARE = 0.5, 0.25  # N m for the passive joint's friction; share of the limit; 0.13
+_SLIP, _SLIP_RATE, _MAX_STEP = 0.1, 8.0, 0.05  # rad in a window, and rad/s times a period (s) up to the third; half
 _STRETCH = (0.005, 0.02)  # velocities too large or too small: a warning, a refusal; 0.0004, a CloudPendulum 0.003
-_CLEAN, _SPEEDS = (0.01, 200.0), (0.1, 10.0)  # rad/s, and rad/s³ times period², at speeds (rad/s) of clean rows
-_STEP = 2e-5  # rad: nine of ten neighbouring angles of an encoder are further apart; 4.8e-5
+_CLEAN_ERROR, _CLEAN_SPEEDS = (0.01, 200.0), (0.1, 10.0)  # rad/s, and rad/s³ times period²; at speeds (rad/s)
+_ANGLE_STEP = 2e-5  # rad: nine of ten neighbouring angles of an encoder are further apart; 4.8e-5
 _WINDOW, _LONG_WINDOW = 0.1, 0.5  # s in which faults add up; a push adds 0.4 N m to the longer one's mean
-# Unexplained torque of the driven and the passive joint, as shares of gravity's on the level arm (3.8 N m on C.1).
-# Of clean rows: a warning (RK4: 2e-15, midpoint: 3e-4), a refusal.
-_TRACE, _DEFECT = np.full(2, 1e-4), np.full(2, 0.019)
-_NOISY = np.array([0.5, 0.3])  # of noisy rows: a refusal; 0.21 and 0.14
-_WORK = 0.2  # unexplained share of the energy from hanging to upright (7.6 J on C.1); 0.06
+# Unexplained torque of the driven and the passive joint, as shares of gravity's on the level arm (3.8 N m on C.1):
+# of clean rows, a warning (RK4: 2e-15, midpoint: 3e-4) and a refusal; of noisy rows, a refusal; 0.21 and 0.14.
+_TRACE, _DEFECT, _NOISY_TORQUE = np.full(2, 1e-4), np.full(2, 0.019), np.array([0.5, 0.3])
+_MAX_WORK = 0.2  # unexplained share of the energy from hanging to upright (7.6 J on C.1); 0.06
 _SUBSTEPS, _CHUNK = 16, 5_000  # steps of RK4 to the next row; rows at a time, so that all lengths share one program
 
 _steps = jax.jit(jax.vmap(rk4_steps, in_axes=(None, 0, 0, 0, None)), static_argnums=4)
@@ -93,8 +86,8 @@ def examine(
 def _is_clean(period: np.ndarray, x: Float[np.ndarray, "rows 4"]) -> bool:
     """Whether velocities and angles agree as a simulation's do: no encoder's steps, and no noise."""
     speed = np.abs(x[1:, 2:]).max(axis=1)
-    moving = (speed > _SPEEDS[0]) & (speed < _SPEEDS[1])
-    error = np.abs(_slip(period, x) / period[:, None]).max(axis=1) / (_CLEAN[0] + _CLEAN[1] * period**2)
+    moving = (speed > _CLEAN_SPEEDS[0]) & (speed < _CLEAN_SPEEDS[1])
+    error = np.abs(_slip(period, x) / period[:, None]).max(axis=1) / (_CLEAN_ERROR[0] + _CLEAN_ERROR[1] * period**2)
     return not moving.any() or bool(np.quantile(error[moving], 0.9) < 1)
 
 
@@ -104,18 +97,18 @@ def _periods(time: np.ndarray, period: np.ndarray, board: AbstractBoard, clean: 
     if span < MIN_SPAN * board.duration:
         text = f"it spans {span:.4g} s of {board.duration:g} s: below {MIN_SPAN:.0%} "
         yield Finding("short_span", text + ("it scores 0" if scored else "the rest counts as down"))
-    uneven = float(np.mean(np.abs(period - usual) > _UNEVEN[0] * usual))
-    if longest > _LONGEST * usual or uneven > _UNEVEN[1]:
+    uneven = float(np.mean(np.abs(period - usual) > _UNEVEN_PERIODS[0] * usual))
+    if longest > _MAX_GAP_RATIO * usual or uneven > _UNEVEN_PERIODS[1]:
         text = f"its periods reach {longest:.4g} s, their median is {usual:.4g} s, {uneven:.0%} are far from it: "
-        text += f"record all rows, at most {_GAP:g} s apart"
-        yield Finding("irregular_periods", text, refuses=scored and longest > _GAP)
+        text += f"record all rows, at most {_MAX_GAP:g} s apart"
+        yield Finding("irregular_periods", text, refuses=scored and longest > _MAX_GAP)
     rate = 1 / board.dt
-    slowest, fastest = rate / _FACTOR if clean else _SLOWEST, rate * _FACTOR
+    slowest, fastest = rate / _RATE_FACTOR if clean else _MIN_RATE, rate * _RATE_FACTOR
     # The margins are for rounding.
     if not slowest * (1 - 1e-6) <= 1 / usual <= fastest * (1 + 1e-6):
         text = f"it has {1 / usual:.4g} Hz; a score needs {slowest:g} to {fastest:g} Hz: record it at {rate:g} Hz"
         yield Finding("rate", text, refuses=True)
-    elif scored and abs(board.dt / usual - 1) > _RATE:  # the uptime compares no row with the next
+    elif scored and abs(board.dt / usual - 1) > _RATE_SHARE:  # the uptime compares no row with the next
         text = f"it has {1 / usual:.4g} Hz, where the board has {rate:g} Hz: the torque smoothness, which compares "
         yield Finding("rate", text + "one row with the next, is not the board's")
 
@@ -134,16 +127,16 @@ def _limits(
     limit, scored = float(max(plants[0].tl1, plants[0].tl2)), isinstance(board, SwingUpBoard)
     if driven > limit:
         yield Finding("torque_limit", f"its torque reaches {driven:.4g} N m, above the limit of {limit:g} N m")
-    allowed = _COMPENSATION if scored else limit
+    allowed = _MAX_COMPENSATION if scored else limit
     if passive > allowed:
         text = f"the passive joint {2 - robot.joint} has up to {passive:.4g} N m, above the {allowed:g} N m of "
         text += "the rules' friction compensation" if scored else "the limit of its motor"
-        yield Finding("passive_torque", text, refuses=scored and passive > _PASSIVE * limit)
+        yield Finding("passive_torque", text, refuses=scored and passive > _PASSIVE_SHARE * limit)
 
 
 def _velocities(period: np.ndarray, x: Float[np.ndarray, "rows 4"], scale: float) -> Iterator[Finding]:
     largest = float(np.abs(_sums(_slip(period, x), period, _WINDOW)).max())
-    if not largest <= scale * (_SLIP + _SLIP_RATE * min(float(np.median(period)), _COARSEST)):
+    if not largest <= scale * (_SLIP + _SLIP_RATE * min(float(np.median(period)), _MAX_STEP)):
         text = f"its positions move by {largest:.3g} rad within {_WINDOW:g} s beside what its velocities say"
         yield Finding("positions_against_velocities", f"{text}: give rad and rad/s of one run", refuses=True)
     # Velocities are those at a row, or differences to the row before or after it.
@@ -159,7 +152,7 @@ def _velocities(period: np.ndarray, x: Float[np.ndarray, "rows 4"], scale: float
 
 def _noise(angles: Float[np.ndarray, "rows 2"], perfect: bool) -> Iterator[Finding]:
     gaps = [np.diff(np.unique(column)) for column in angles.T]
-    if any(np.quantile(each, 0.1) < _STEP for each in gaps if each.size):
+    if any(np.quantile(each, 0.1) < _ANGLE_STEP for each in gaps if each.size):
         text = "its velocities have noise, its angles no encoder's steps: record true states, or those of a robot"
         yield Finding("noise", text)
     elif perfect:
@@ -177,18 +170,18 @@ def _balance(
     drawn: bool,
 ) -> Iterator[Finding]:
     """What no torque explains, on the plant without friction or with it, whichever leaves less."""
-    warning, refusal = (_TRACE, _DEFECT) if clean else (_NOISY, _NOISY)
+    warning, refusal = (_TRACE, _DEFECT) if clean else (_NOISY_TORQUE, _NOISY_TORQUE)
     if clean and drawn:  # which plant was drawn is not known
-        warning, refusal = _DEFECT, _NOISY
+        warning, refusal = _DEFECT, _NOISY_TORQUE
     warning, refusal = (np.roll(each, robot.joint) for each in (warning, refusal))
     level = lump(plants[1]).gravity1 + lump(plants[1]).gravity2
     # A robot's torque acts from the next row on.
     torques = [u] if clean else [u, np.concatenate([u[:1], u[:-1]])]
     window = _WINDOW if clean and not drawn else _LONG_WINDOW
     shares = [_unexplained(period, x, each, plant, window) / level for plant in plants for each in torques]
-    work, *joints = min(shares, key=lambda each: max(0.5 * each[0] / _WORK, *each[1:] / warning))
+    work, *joints = min(shares, key=lambda each: max(0.5 * each[0] / _MAX_WORK, *each[1:] / warning))
     remedy = "record the torques that acted, in N m, and name the plant"
-    if not 0.5 * work <= _WORK:
+    if not 0.5 * work <= _MAX_WORK:
         text = f"its energy rises by {work * level:.3g} J more than its torques' work: {remedy}"
         yield Finding("unexplained_work", text, refuses=True)
     for joint, share in enumerate(joints):
@@ -202,13 +195,13 @@ def _unexplained(
 ) -> Float[np.ndarray, "3"]:
     """Largest unexplained rise of the energy since the start (J), and each joint's largest torque (N m)."""
     # Longer periods are cut short and then ignored: every row stays, and the batch keeps its shape.
-    step, chunks = np.minimum(period, _COARSEST), -(-len(period) // _CHUNK)
+    step, chunks = np.minimum(period, _MAX_STEP), -(-len(period) // _CHUNK)
     rows = [np.resize(each, (chunks, _CHUNK, *each.shape[1:])) for each in (x[:-1], u[:-1], step)]
     with jax.enable_x64(True):
         # C.1 keeps one step, with friction as well.
         number = 1 if scales_of(plant).time == 1 else min(_SUBSTEPS, stable_substeps(plant, float(np.median(step))))
         after = np.concatenate([_steps(plant, *chunk, number) for chunk in zip(*rows, strict=True)])[: len(step)]
-    left = np.where((period <= _COARSEST)[:, None], x[1:, 2:] - after[:, 2:], 0.0)
+    left = np.where((period <= _MAX_STEP)[:, None], x[1:, 2:] - after[:, 2:], 0.0)
     p, (q1, q2) = lump(plant), x[:, :2].T
     m11, m12, m22 = np.broadcast_arrays(*mass_entries(p, np.cos(q2)))
     masses = np.stack([m11, m12, m12, m22], axis=-1).reshape(-1, 2, 2)

@@ -21,9 +21,9 @@ from .output import Progress, program_typed, tell
 from .results import comparison_lines
 from .training import start_training, train_shown
 
-FIRST = "first.safetensors"
+FIRST_POLICY = "first.safetensors"
 """The policy of the first report, which shows on the page what training changed."""
-TRAINED, BEGINNER = "your policy", "your policy at first"
+TRAINED_NAME, FIRST_NAME = "your policy", "your policy at first"
 
 
 def demo_command(
@@ -53,8 +53,8 @@ def demo_command(
     def note(report: TrainingReport) -> str:
         """The paper's score, and the time at which the run passed it; the first report's policy is kept."""
         nonlocal passed
-        if not (folder / FIRST).exists():
-            run.save_policy(folder / FIRST, 0, run.policies()[0], report.rows[0].evaluation)
+        if not (folder / FIRST_POLICY).exists():
+            run.save_policy(folder / FIRST_POLICY, 0, run.policies()[0], report.rows[0].evaluation)
         if passed is None and (report.best_score or 0.0) >= paper:
             passed = time.monotonic() - start
         return f"paper's {paper:.3f}" + ("" if passed is None else f" at {passed:.0f} s")
@@ -76,7 +76,7 @@ def _new_folder(robot: Robot, out: str | None) -> Path:
 def _show_result(robot: Robot, run: Run, passed: float | None, start: float) -> int:
     """Score the best policy, write the page, and name commands to go on with."""
     policy, page = run.folder / BEST, run.folder / "page.html"
-    files = {TRAINED: policy, BEGINNER: run.folder / FIRST}
+    files = {TRAINED_NAME: policy, FIRST_NAME: run.folder / FIRST_POLICY}
     policies = {name: policy_alone(load_policy(file, robot)) for name, file in files.items()}
     with Progress() as progress:
         section = trained_section(robot, policies, progress)
@@ -88,7 +88,7 @@ def _show_result(robot: Robot, run: Run, passed: float | None, start: float) -> 
     program, (other,) = program_typed(), {*ROBOTS} - {robot.name}
     tell(
         "",
-        *comparison_lines(section.tables[0], TRAINED),
+        *comparison_lines(section.tables[0], TRAINED_NAME),
         "",
         verdict,
         f"All of it took {duration(time.monotonic() - start)}.",

@@ -39,7 +39,7 @@ from .output import Progress, foreign_prints_apart, tell, tell_json
 from .results import TABLE_FORMATS, judged_name, result_lines, show_tables
 
 EVERY_ROBOT = tuple(ROBOTS.values())
-SCORING = ", ".join(name for name, each in BOARDS.items() if each.keeps_rows)
+SCORING_BOARDS = ", ".join(name for name, each in BOARDS.items() if each.keeps_rows)
 
 RobotOrAll = Annotated[
     Sequence[Robot],
@@ -225,7 +225,7 @@ def score_command(
     trajectory: Annotated[str, arg(metavar="TRAJECTORY")],
     /,
     robot: RobotName,
-    board: Annotated[str, arg(metavar="BOARD", help=f"{SCORING}.")] = "performance",
+    board: Annotated[str, arg(metavar="BOARD", help=f"{SCORING_BOARDS}.")] = "performance",
     plant: PlantOptions = NO_OPTIONS,
     columns: Names = (),
     force: bool = False,

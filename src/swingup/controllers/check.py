@@ -27,9 +27,9 @@ from .interface import (
     trial_states,
 )
 
-CALLS = 100
+TIMED_CALLS = 100
 """Calls that are timed."""
-PATIENCE = 0.5
+MAX_TIMED_SECONDS = 0.5
 """No more calls in plain Python are timed after this (s)."""
 ANNOUNCED_TIME = 120.0
 """Simulations that take longer than this are announced (s)."""
@@ -42,7 +42,7 @@ def call_time(controller: AbstractController[Any] | PythonController, dt: float)
 
     Calls in JAX are compiled, one after another as on a robot.
     """
-    times = np.arange(CALLS) * dt
+    times = np.arange(TIMED_CALLS) * dt
     # Smooth as a pendulum's: at jumps an estimator restarts, which takes less time.
     states = np.sin(times[:, None] * [3.0, 5.0, 4.0, 6.0]) * [0.3, 0.3, 1.0, 1.5]
     if isinstance(controller, PythonController):
@@ -55,8 +55,8 @@ def call_time(controller: AbstractController[Any] | PythonController, dt: float)
             start = time.perf_counter()
             jax.block_until_ready(run_calls(*inputs))
             took.append(time.perf_counter() - start)
-    # The least: whatever else the machine does only adds.
-    return min(took) / CALLS
+    # The minimum: other work of the machine only adds time.
+    return min(took) / TIMED_CALLS
 
 
 def _python_call_time(controller: PythonController, times: np.ndarray, states: np.ndarray) -> float | None:
@@ -67,7 +67,7 @@ def _python_call_time(controller: PythonController, times: np.ndarray, states: n
             start = time.perf_counter()
             checked_torques(call, x, float(now))
             took.append(time.perf_counter() - start)
-            if sum(took) > PATIENCE:
+            if sum(took) > MAX_TIMED_SECONDS:
                 break
     except SwingupError:
         return None
@@ -86,7 +86,7 @@ def run_calls(numbers: Any, static: Any, times: jax.Array, states: jax.Array) ->
 
 
 def slow_call(took: float | None, dt: float) -> str | None:
-    """A warning if one call (s) takes longer than the loop's period dt (s); None if all is well."""
+    """A warning if one call takes longer (s) than the loop's period dt (s), else None."""
     if took is None or took <= dt:
         return None
     return (
@@ -117,13 +117,8 @@ def check_controller(source: Any, robot: Robot | str, torque_limit: float = TORQ
     ``passive_limit`` (N m; 0 where it has none), a memory that changes its structure, that ``reset()`` and
     ``init()`` do not clear or that copies share, and measurements that are altered in place.
 
-    Args:
-        source: a controller in JAX, an object with ``get_control_output(x, t)``, or a function of (x, t).
-        robot: which joint is driven.
-        torque_limit: what its motor has (N m).
-
-    Returns:
-        One line for every finding; none if all is well.
+    The controller is one in JAX, an object with ``get_control_output(x, t)``, or a function of (x, t). The driven
+    joint's motor has a torque limit (N m). Each finding is one line; there is none if all is well.
 
     Raises:
         SwingupError: there is no such robot, or this is not a controller.

@@ -275,7 +275,7 @@ class CompiledSource:
     """The torques of a controller, compiled when it is made and not in the loop."""
 
     min_pause = 0.0
-    """It acts at each call (s)."""
+    """The controller acts at each call (s)."""
 
     def __init__(self, controller: AbstractController[Any]) -> None:
         """Compile one call in double precision, as the judge runs it."""
@@ -301,19 +301,15 @@ class CompiledSource:
             return np.asarray(u, np.float64)
 
     def remember(self, u: np.ndarray) -> None:
-        """Its memory holds what it asked for itself."""
+        """Nothing: the controller's memory has its own torques."""
 
 
 def loop_controller(
     controller: Any, robot: Robot | str, guard: GuardChoice = None, limit: float = TORQUE_LIMIT
 ) -> LoopController[CompiledSource]:
-    """Put a controller in JAX behind the contract of a robot's loop.
+    """Put a controller in JAX, as of :func:`swingup.get_controller`, behind the contract of a robot's loop.
 
-    Args:
-        controller: what :func:`swingup.get_controller` gives.
-        robot: which joint is driven.
-        guard: behind a safety guard never (None, False), always (True), or with these settings.
-        limit: torque limit of the driven joint (N m).
+    The driven joint's torque has a limit (N m). A safety guard is there for True, or with the settings given.
 
     Raises:
         SwingupError: the controller is in plain Python or for another robot, or a setting of the guard cannot work.

@@ -22,7 +22,7 @@ from ..plant.momentum import CLOSE_RATES
 from ..plant.units import C1, Scales, arm_scales, scaled, similar_plant
 from ..policy import estimator, identifier, regulator
 from ..policy.estimator import EstimatorConstants, estimator_constants
-from ..policy.guard import MAX_BRAKED_RATIO, MAX_STANDSTILLS, PUSHING_SHARE, SENTENCES, GuardSettings, Reason
+from ..policy.guard import MAX_BRAKED_RATIO, MAX_STANDSTILLS, PUSHING_SHARE, REASON_TEXTS, GuardSettings, Reason
 from ..policy.identifier import IdentifierConstants
 from ..policy.network import NormaliseStage, PendulumStage, PlantStage, Stage, require_portable
 from ..policy.numpy_backend import regulator_loop
@@ -161,7 +161,7 @@ def runtime_data(policy: PendulumPolicy) -> dict[str, Data]:
         "the switches": {f"HAS_{name}": int(part is not None) for name, part in parts.items()},
         "the plant": plant_data(policy),
         "the network": network_data(policy),
-        "the guard's reasons": reasons | {"GUARD_SENTENCES": ", ".join(f'"{text}"' for text in SENTENCES)},
+        "the guard's reasons": reasons | {"GUARD_SENTENCES": ", ".join(f'"{text}"' for text in REASON_TEXTS)},
     }
     if policy.estimator is not None:
         constants = estimator_constants(policy.estimator, policy.plant, joint, policy.identifier)

@@ -40,9 +40,9 @@ from ..common.settings import Range, Settings, read_settings
 MAX_STANDSTILLS = 10
 """Maximum number of calls in a row at the same time: a loop may call twice for one measurement."""
 PUSHING_SHARE = 0.5
-"""A torque above this part of its joint's limit must move the joint."""
+"""A torque above this share of its joint's limit must move the joint."""
 MAX_BRAKED_RATIO = 2.0
-"""A velocity beyond this many of the guard's limits cannot be braked by."""
+"""Above this multiple of the guard's velocity limit a measured velocity is not used for braking."""
 
 
 class Reason(IntEnum):
@@ -58,7 +58,7 @@ class Reason(IntEnum):
     TORQUE = 7
 
 
-SENTENCES = (
+REASON_TEXTS = (
     "the guard has not stopped the controller",
     "a measured angle or velocity is not a finite number",
     "a joint's angle is beyond the limit",
@@ -72,7 +72,7 @@ SENTENCES = (
 
 _UNITS = {Reason.ANGLE: " rad", Reason.VELOCITY: " rad/s", Reason.STALE: " s", Reason.LATE: " s"}
 
-MOTION = (Reason.ANGLE, Reason.VELOCITY, Reason.TORQUE)
+MOTION_REASONS = (Reason.ANGLE, Reason.VELOCITY, Reason.TORQUE)
 """Reasons that leave the measurement sound: only after these may a guard brake."""
 
 
@@ -90,7 +90,7 @@ class Fault(NamedTuple):
     def __str__(self) -> str:
         joint = f"{('shoulder', 'elbow')[self.joint]}, " if self.joint >= 0 else ""
         unit = _UNITS.get(self.reason, "")
-        return f"{SENTENCES[self.reason]} ({joint}{self.value:.6g}{unit}, at t = {self.time:.6g} s)"
+        return f"{REASON_TEXTS[self.reason]} ({joint}{self.value:.6g}{unit}, at t = {self.time:.6g} s)"
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ settings, or the defaults), or always with settings of the caller."""
 
 
 def default_guard(dt: float | None = None) -> GuardSettings:
-    """The guard of a loop with ``dt`` (s) between calls; None for any. It bears ten missed calls at least."""
+    """The guard of a loop with ``dt`` (s) between calls; None for any. It tolerates ten missed calls."""
     if dt is None:
         return GuardSettings()
     return GuardSettings(dt=dt, longest_gap=max(GuardSettings.longest_gap, 10 * dt), stuck_time=100 * dt)
@@ -164,7 +164,7 @@ class Guard:
         self.reset()
 
     def reset(self) -> None:
-        """Let the controller act again; nothing seen yet."""
+        """Let the controller act again, and forget all measurements."""
         self.fault: Fault | None = None
         self._time = -math.inf
         self._step = self.settings.dt
@@ -187,8 +187,7 @@ class Guard:
         asked = u.tolist()
         for joint in (0, 1):
             if not math.isfinite(asked[joint]):
-                # Short of an estimator nothing can be computed from a broken measurement: the last torques are
-                # held.
+                # Without an estimator a broken measurement gives no torques: the last ones are held.
                 if self._measurement_broken:
                     return np.array(self._torques)
                 self._stop(Fault(Reason.TORQUE, self._time, joint, asked[joint]))
@@ -215,12 +214,12 @@ class Guard:
 
     def _stop(self, fault: Fault) -> None:
         """Latch the first fault; brake from it on, until a fault of sensor or clock."""
-        motion = fault.reason in MOTION
+        motion = fault.reason in MOTION_REASONS
         self._brakes = motion and self.settings.braking > 0 and (self.fault is None or self._brakes)
         self.fault = self.fault or fault
 
     def _call_fault(self, t: float, x: tuple[float, ...]) -> Fault | None:
-        """What is wrong with this call, if anything; takes the call in."""
+        """The fault of this call, if any, after which the guard has noted the call."""
         pause = t - self._time
         first = self._time == -math.inf
         self._time = t
@@ -236,7 +235,6 @@ class Guard:
         return self._measurement_fault(t, x, first)
 
     def _measurement_fault(self, t: float, x: tuple[float, ...], first: bool) -> Fault | None:
-        """What is wrong with the measurement, if anything."""
         s, driven, before = self.settings, self._joint, self._sample
         finite = [math.isfinite(x[i]) and math.isfinite(x[i + 2]) for i in (0, 1)]
         same = [not first and x[i] == before[i] and x[i + 2] == before[i + 2] for i in (0, 1)]

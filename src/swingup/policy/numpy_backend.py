@@ -219,13 +219,9 @@ def load_controller(
     estimator: bool | None = None,
     guard: GuardChoice = None,
 ) -> LoopController[NumpyPolicy]:
-    """Load a controller from a policy file, or one that the package ships.
+    """Load a controller from a policy file, or by a name of the package's: ``adaptive``, ``ar-eapo`` or ``global``.
 
-    Args:
-        source: a policy file, or ``adaptive``, ``ar-eapo`` or ``global``.
-        robot: the robot that it must be for; needed with a name.
-        estimator: as :func:`numpy_controller` takes it; so is the guard.
-        guard: the safety guard.
+    A name needs the robot; a file must be for it. Estimator and guard are those of :func:`numpy_controller`.
 
     Raises:
         SwingupError: there is no such controller, or the file is damaged, or for another robot, or a setting of the

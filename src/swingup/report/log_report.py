@@ -30,15 +30,15 @@ from ..plant.plant import get_robot
 from .figure import DASHED, DOTS, LINE, THIN, Curve, Figure, Panel
 from .figures import TIME
 
-PERIOD = 0.01  # between drawn rows (s)
+DRAWN_PERIOD = 0.01  # between drawn rows (s)
 STATES = ("q1 (rad)", "q2 (rad)", "dq1 (rad/s)", "dq2 (rad/s)")
 TORQUES = ("u1 (N m)", "u2 (N m)")
 ERRORS = ("Angle RMS (rad)", "median", "Velocity RMS (rad/s)", "median")
 QUANTITIES = ("angle", "angle_median", "velocity", "velocity_median")
-MEASURED = ("Swing-up (s)", "Highest tip (%)", "Largest speed (rad/s)", "Energy (J)", "Torque cost (N² m² s)")
+RUN_VALUES = ("Swing-up (s)", "Highest tip (%)", "Largest speed (rad/s)", "Energy (J)", "Torque cost (N² m² s)")
 MAXIMUM_LOGS = 3  # logs whose held-out windows are drawn
 FITTED, START = 0, 1  # series of the fitted plant, and of the one that the fit started from
-SPAN = 0.995  # share of the rows whose speeds the friction curves span
+SPEED_SHARE = 0.995  # share of the rows whose speeds the friction curves span
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def _motion(name: str, time: np.ndarray, x: np.ndarray, colour: str | int = "ink
 
 def _predictions(recording: Recording, predicted: Mapping[str, Segments]) -> list[Panel]:
     """A log, and predictions of it one after another with a row of NaN between two of them."""
-    series = [_motion("log", *smoothed(recording, PERIOD))]
+    series = [_motion("log", *smoothed(recording, DRAWN_PERIOD))]
     for number, (name, part) in enumerate(predicted.items()):
         time = np.pad(part.times, ((0, 0), (0, 1)), constant_values=np.nan).ravel()
         x = np.pad(part.states, ((0, 0), (0, 1), (0, 0)), constant_values=np.nan).reshape(-1, 4)
@@ -173,8 +173,8 @@ def _run(name: str, found: ClosedLoop) -> Part:
     rows = {}
     for title, run in runs.items():
         if run.trajectory is not None:
-            # Drawn rows are about half of PERIOD apart.
-            every = max(1, round(PERIOD / float(np.median(np.diff(run.trajectory.time)))) // 2)
+            # Drawn rows are about half of DRAWN_PERIOD apart.
+            every = max(1, round(DRAWN_PERIOD / float(np.median(np.diff(run.trajectory.time)))) // 2)
             rows[title] = run.trajectory.take(slice(None, None, every))
     panels = _states([_motion(title, each.time, each.x, *looks[title]) for title, each in rows.items()])
     torques = [Curve(title, each.time, each.u[:, robot.joint], *looks[title]) for title, each in rows.items()]
@@ -182,7 +182,7 @@ def _run(name: str, found: ClosedLoop) -> Part:
         f"{found.simulated.controller} on the {robot.name}, from hanging at rest, simulated: {found.domain.name}. "
         "Unstable motions differ in timing: compare how high, how fast and how still they are, not their rows."
     )
-    table = Table(("Run", "Outcome", *MEASURED), [_outcome(title, run) for title, run in runs.items()])
+    table = Table(("Run", "Outcome", *RUN_VALUES), [_outcome(title, run) for title, run in runs.items()])
     figure = Figure([*panels, Panel(TIME, TORQUES[robot.joint], torques)], shared=True)
     return Part(f"Closed loop: {name}", note, [table], figure)
 
@@ -274,7 +274,7 @@ def _residuals(found: Identification) -> Part:
 
 def _friction(found: Identification) -> Part:
     estimates, start, panels = found.estimates, found.start_models[0], []
-    fastest = max(float(np.quantile(np.abs(recording.dq), SPAN)) for recording in found.recordings)
+    fastest = max(float(np.quantile(np.abs(recording.dq), SPEED_SHARE)) for recording in found.recordings)
     v = np.linspace(-fastest, fastest, 401)
     slope = np.arctan(found.setting.steepness * v)
     for joint in (1, 2):
