@@ -40,7 +40,7 @@ class Episode(eqx.Module):
     action: Action
     """The last action, 0 after a reset."""
     key: Key
-    """All later draws follow from it."""
+    """The key of all later draws."""
 
 
 class Pendulums:

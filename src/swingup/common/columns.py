@@ -61,7 +61,7 @@ class MappedColumn:
     constant: float = 0.0
     """What is added, in the unit."""
     unit: str = ""
-    """As it was written; SI without one."""
+    """The unit as the user wrote it; SI without one."""
 
     def word(self, name: str) -> str:
         """The word that maps a column to this one."""

@@ -1,4 +1,4 @@
-"""Which conventions and units a log's columns follow: the table of what people have, each with its test and remedy.
+"""The conventions and units of a log's columns: the table of what people have, each with its test and remedy.
 
 A convention is a linear map from the columns to angles and torques. Its test is the regression: the motion is much
 likelier under the right map. Conventions come in pairs, so pairs are tried as well. The remedy is the text of
@@ -27,10 +27,10 @@ from .segments import Segments
 LIKELIER_COST = math.log(2.0)
 """Difference of costs from which another map is named: real logs have at most log 1.4."""
 GOOD_SHARE, BETTER_SHARE = 0.3, 0.7
-"""It must also leave less than this share of the motion unexplained, and of what the log as it is leaves: with much
-noise another map may be likelier and no better."""
+"""Another map must also leave less than these shares unexplained, of the motion and of what the log as it is
+leaves: with much noise another map may be likelier and no better."""
 STILL_BETTER_SHARE = 0.9
-"""The same where hardly anything moves as the log is: there angles in turns are likely from the start."""
+"""``BETTER_SHARE`` where hardly anything moves as the log is: there angles in turns are likely from the start."""
 PAIR_LIKELIER_COST = math.log(1.5)  # difference of costs from which a pair is named rather than one convention
 SUSPICIOUS_SHARE = 0.08  # unexplained share from which pairs are tried
 FOREIGN_SHARE, UNPREDICTED_SHARE = 0.3, 0.5
@@ -49,7 +49,7 @@ COUNTS = (
     *(2**k for k in range(8, 21)),
     *(500, 800, 1000, 1440, 2000, 3600, 4000, 5000, 7200, 8000, 10000, 14400, 20000, 36000, 40000),
 )
-"""Counts per turn of usual encoders."""
+"""Counts per turn of encoders on the market."""
 
 _SAME, _SWAP, _TURN1, _TURN2 = np.eye(2), np.eye(2)[::-1], np.diag([-1.0, 1.0]), np.diag([1.0, -1.0])
 _RELATIVE = np.array([[1.0, 0.0], [-1.0, 1.0]])

@@ -178,7 +178,7 @@ def spreads(windows: Segments, errors: Float[np.ndarray, "windows outputs 4"]) -
 
 
 def _solve(evaluate: Evaluator, z: np.ndarray, stage: FitStage) -> np.ndarray:
-    """One stage, whose sigma is that of its start: a sigma that followed the errors would reward large ones."""
+    """Solve one stage with the sigma of its start: a sigma that followed the errors would reward large errors."""
     unknowns, sigma = evaluate.unknowns, spreads(evaluate.windows, evaluate(z)[0])
     weight = (np.arange(sigma.shape[1]) < stage.outputs)[:, None] / sigma
     expected = np.diag(1.0 / unknowns.spread)

@@ -52,7 +52,7 @@ class Identification:
     """The held-out windows that the errors are of."""
 
     def as_dict(self) -> dict[str, Any]:
-        """As JSON values: parameters, intervals, determined and errors."""
+        """Parameters, intervals, determined and errors, as JSON values."""
         return {
             "parameters": self.plant.values() | dict(self.estimates.values),
             "intervals": {name: list(pair) for name, pair in self.estimates.intervals.items()},

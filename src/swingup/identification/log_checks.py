@@ -132,7 +132,7 @@ MINIMUM_POSITIONS = 20
 MAXIMUM_PERIOD = 0.1  # maximum median period (s): a pendulum moves too far between rows
 SLOW_PERIOD = 0.0315
 """Median period (s) from which parameters are biased: those of C.1 by a quarter at 20 Hz."""
-USUAL_PERIODS = (2e-4, 0.06)  # usual periods (s), which tell the unit of a time
+USUAL_PERIODS = (2e-4, 0.06)  # range of the loops' periods (s), which tells the unit of a time
 MINIMUM_MOTION = 2e-3  # minimum range of an angle (rad)
 SATURATED_SHARE = 0.25  # share of rows at the largest torque from which a motor counts as saturated
 GAP, GAP_PERIODS = 0.06, 20.0

@@ -94,7 +94,7 @@ def regress(
     """Base parameters, masses and inertias within a factor of the start's; without torques k is the start's."""
     problem = _Problem(setting, spans, start, driven, columns, maximum_factor)
     impulses = np.diff(spans.impulse.reshape(len(spans), len(AGES), 2, 2), axis=2)[:, :, 0] @ columns.torques.T
-    # 4 ms first, the usual age: where one age is enough, it is this one.
+    # 4 ms first, the most frequent age: where one age is enough, it is this one.
     order = (1, 0, 2, 3)[:ages] if driven else (0,)
     return min((problem.solve(impulses[:, age]) for age in order), key=lambda solution: solution.cost)
 

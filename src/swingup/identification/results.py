@@ -39,7 +39,7 @@ OFFSET_SIZE = 0.1  # reference for the interval of an offset (rad), whose value 
 WIDEST_INTERVAL = (
     f"{100 * NARROW_INTERVAL:g} % of the value, or {1e3 * NARROW_INTERVAL * OFFSET_SIZE:g} mrad of an offset"
 )
-"""The same in words."""
+"""The criterion of determined values in words."""
 SCALE_SPREAD = 0.5  # standard deviation of the logarithm of a common factor that no torque fixes
 FEW_WINDOWS = 10
 NOTABLE_FACTOR = 1.3  # a common factor of the masses that is worth a note

@@ -21,7 +21,7 @@ from .metrics import Evaluation, TrainingMetrics, make_evaluation
 TreeT = TypeVar("TreeT")
 
 EPISODES = 10
-"""Episodes of an evaluation that is asked for without a number."""
+"""Episodes of an evaluation without a given number."""
 EPISODE_STEPS = 2000
 """Longest episode of an evaluation (steps), so that an endless task is scored, too.
 
@@ -35,7 +35,7 @@ class AbstractEvaluator(abc.ABC):
     measure: str = "episodes"
     """Name under which policy files keep their scores."""
     default_episodes: int = EPISODES
-    """Episodes of an evaluation that is asked for without a number."""
+    """Episodes of an evaluation without a given number."""
     stages: tuple[Stage, ...] = ()
     """Observation stages before the normalisation."""
     observation_shape: tuple[int, ...]
@@ -85,10 +85,9 @@ class AbstractBackend(abc.ABC):
     def train(
         self, state: LearnerState, iterations: int, stopping: Callable[[], bool] = lambda: False
     ) -> tuple[LearnerState, list[TrainingMetrics]]:
-        """Run iterations, fewer if ``stopping`` turns true, which is asked every few seconds.
+        """Run iterations; return the state and the metrics of each seed.
 
-        Returns:
-            The state, and the metrics of each seed.
+        ``stopping`` is called every few seconds; once it returns true, training stops early.
         """
 
     def policy(self, member: LearnerState) -> Policy[Any]:

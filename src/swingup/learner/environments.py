@@ -87,7 +87,7 @@ class Environments:
         self.observation_space, self.actions = space, space_actions(actions)
         self.spaces = Spaces(int(np.prod(space.shape)), self.actions.size, self.actions.choices)
         self.num_envs = whole_number(f"num_envs of {name}", attribute(env, "num_envs"), 1)
-        # Only environments of this process are asked: a worker process would not survive an attribute it lacks.
+        # Only of environments in this process: a worker process would not survive an attribute it lacks.
         members: list[Any] = env.envs if isinstance(env, SyncVectorEnv) else []
         self.step_time = step_time(*members[:1] or [env])
         self._counting = [each for each in members if each.has_wrapper_attr(OWN_RESETS)]

@@ -53,7 +53,7 @@ class EpisodeEvaluator(AbstractEvaluator):
         if own_number(self._env) is not None:
             raise SwingupError("the environment that was passed in trains: pass evaluate another as env")
         if episodes not in (None, self._episodes):
-            # Another number is asked for once or twice; only the usual environments are kept.
+            # Users ask for another number once or twice; only the default number of environments is kept.
             with contextlib.closing(make_environments(self._env, episodes)) as environments:
                 return play(policy, environments, self._seed)
         if self._environments is None:

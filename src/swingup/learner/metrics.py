@@ -53,7 +53,7 @@ class Evaluation:
     """What a robot's swing-up is judged by, in place of all but the score."""
 
     def as_dict(self) -> dict[str, Any]:
-        """As policy files and rows keep it."""
+        """The entries of policy files and rows."""
         if self.criteria is not None:
             return dataclasses.asdict(self.criteria)
         values = {name: value for name, value in vars(self).items() if name != "criteria"}

@@ -194,8 +194,21 @@ class RobotProblem(AbstractProblem):
         raise SwingupError(f"env = {self.name!r}: a robot judges its own policies, without env")
 
 
+class AbstractEnvironmentProblem(AbstractProblem):
+    """A problem with the id or the description of an environment as its name."""
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """The id or the description."""
+        return {"robot": None, "env": self.name}
+
+    def on(self, env: Any) -> AbstractProblem:
+        """The problem of an environment that is passed in, under the same name."""
+        return self if env is None else _passed_in(self.name, env)
+
+
 @dataclass(frozen=True)
-class TaskProblem(AbstractProblem):
+class TaskProblem(AbstractEnvironmentProblem):
     """A task in JAX, scored by the mean return of its episodes."""
 
     name: str
@@ -213,15 +226,6 @@ class TaskProblem(AbstractProblem):
     def preset(self) -> str | None:
         """The preset of environments; a pendulum's task has none, since its numbers suit several presets."""
         return None if isinstance(self.task, AbstractPendulumTask) else ENV_PRESET
-
-    @property
-    def record(self) -> dict[str, Any]:
-        """The description, in the place of an environment's id."""
-        return {"robot": None, "env": self.name}
-
-    def on(self, env: Any) -> AbstractProblem:
-        """The problem of an environment that is passed in, under the same name."""
-        return self if env is None else _passed_in(self.name, env)
 
     def check_episodes(self, episodes: int) -> None:
         """Refuse an evaluation without episodes."""
@@ -245,17 +249,12 @@ class TaskProblem(AbstractProblem):
 
 
 @dataclass(frozen=True)
-class HostProblem(AbstractProblem):
+class HostProblem(AbstractEnvironmentProblem):
     """An environment that the host steps: a Gymnasium id, an environment, or what makes environments."""
 
     name: str
     env: Any = field(compare=False, repr=False)
     """The environment that the name describes; None where it is not known."""
-
-    @property
-    def record(self) -> dict[str, Any]:
-        """The id or the description."""
-        return {"robot": None, "env": self.name}
 
     @property
     def continuing(self) -> bool:
@@ -293,10 +292,6 @@ class HostProblem(AbstractProblem):
         from .environments import own_number
 
         return own_number(self.env)
-
-    def on(self, env: Any) -> AbstractProblem:
-        """The problem of an environment that is passed in, under the same name."""
-        return self if env is None else _passed_in(self.name, env)
 
     def check_episodes(self, episodes: int) -> None:
         """Any number can be had: with 0, the training episodes give the score."""

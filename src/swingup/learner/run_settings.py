@@ -107,7 +107,7 @@ class RunSettings:
         return {name: value for name, value in mine.items() if value != defaults[name]}
 
     def as_dict(self) -> dict[str, Any]:
-        """As JSON values."""
+        """The entries of config.json, as JSON values."""
         own = {name: value for name, value in vars(self).items() if name != "problem"}
         # Through JSON, so that tuples become lists and it equals what is read from a file.
         return json.loads(json.dumps(self.problem.record | own, default=dataclasses.asdict))

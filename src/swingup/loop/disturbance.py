@@ -34,7 +34,7 @@ class Effects(NamedTuple):
     motors: bool = False
     """Motors as the robot has them: with a rate limit, a ripple, and noise of their own."""
     drive: bool = False
-    """Motors lag, or deliver another torque than they were asked for."""
+    """Motors lag, or deliver another torque than the command."""
     sensors: bool = False
     """Angles have steps or offsets, or velocities are differences."""
     differences: bool = False

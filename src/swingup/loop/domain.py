@@ -150,7 +150,7 @@ class Domain:
 
     @property
     def content(self) -> dict[str, Any]:
-        """All values by name, as a file that makes the same ranges of plants and loops has them."""
+        """The content of a file that makes the same ranges of plants and loops."""
         names = [*NAMES, *(name for name in self.names if name in VALUES)]
         ends = {name: (self.low.value(name), self.high.value(name)) for name in names}
         option = {} if self.low.loop.velocities is None else {"velocities": self.low.loop.velocities}
@@ -160,7 +160,7 @@ class Domain:
         return f"{self.name} {self.as_dict()}"
 
     def as_dict(self) -> dict[str, Any]:
-        """As JSON values."""
+        """The ranges and the names of plants, as JSON values."""
         named = {"plant": self.plant.name}
         if self.design != self.nominal_plant:
             named["design"] = self.design.name

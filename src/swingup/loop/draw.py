@@ -73,7 +73,7 @@ def vary(plant: Plant, parameter: str, value: float, relative: bool = False, mas
 
 
 def _pushes(loop: Loop, key: Key, robot: Robot) -> Pushes:
-    """One push on each joint, at a time and with a peak that are drawn."""
+    """One push on each joint, with a drawn time and peak."""
     time, size = jax.random.uniform(key, (2, 2, 1))
     driven = jnp.array(robot.actuation)[:, None]
     # Multiplied first: the draws of domains without a push on the passive joint keep their bits.

@@ -27,7 +27,7 @@ class Intervention(eqx.Module):
     """What a supervisor does in one step."""
 
     takes: Flag
-    """It drives both joints: the controller is neither called nor told."""
+    """The supervisor drives both joints, and the controller is not called."""
     torque: Torque
     """The torques (N m) that replace the controller's then, before the motors' limits."""
     push: Torque

@@ -210,7 +210,7 @@ NUMPY = ArrayOps(
 ARRAYS = NUMPY._replace(
     sine_cosine=lambda angle: (np.sin(angle), np.cos(angle)), arctan=np.arctan, log1p=np.log1p, where=np.where
 )
-"""The same for equations whose single numbers are arrays: many at once."""
+"""The functions for equations whose single numbers are arrays: many at once."""
 
 
 def damped_midpoint_step(

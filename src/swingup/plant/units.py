@@ -28,7 +28,7 @@ RecordT = TypeVar("RecordT")
 REFERENCE = (0.2119482605847436, TORQUE_LIMIT, 0.2)
 """T (s), torque limit (N m) and length l1 (m) of the leaderboards' plant, to the last digit."""
 REFERENCE_GRAVITY = 9.81
-"""Its g (m/s²)."""
+"""Gravity of design C.1 (m/s²)."""
 
 
 # No tuple, for the reason of ``Range``.

@@ -143,7 +143,7 @@ class Lesson(eqx.Module):
     """Rows of a minibatch: of states from anywhere, which come first in the dataset, and of runs."""
     anywhere: int = eqx.field(static=True)  # states from anywhere in the dataset
     scored: ScoredSteps | None = eqx.field(static=True, default=None)
-    """None where the torques' squared errors count alone."""
+    """Steps with a score; None where the torques' squared errors count alone."""
     recoveries: Recoveries | None = None
 
     def loss(self, actor: Actor, key: Key) -> Scalar:

@@ -89,7 +89,7 @@ IDENTIFIERS = {
     "acrobot": IdentifierSettings(load_deviation=0.01, spring_deviation=0.01),
     "pendubot": IdentifierSettings(load_deviation=0.02, spring_deviation=0.01),
 }
-"""Which loads the identifiers look for. Chosen on robots outside of the package (``lab/adaptive.md``)."""
+"""Identifiers that look for loads and springs. Chosen on robots outside of the package (``lab/adaptive.md``)."""
 ACCELERATION_NOISE = 10.0
 """The estimator's where the model is the plant found (rad/s²): such a model errs less. Chosen."""
 RECORDED = "recorded"
@@ -114,7 +114,7 @@ class RefinementReport:
     policy: PendulumPolicy
     """The policy so far, with what stands around it."""
     criteria: Criteria
-    """Its performance on the board performance."""
+    """The policy's result on the board ``performance``."""
     measures: dict[str, float]
     """Means over the latest episodes: the score of the nominal ones, and the share of time down of the others."""
 
@@ -240,7 +240,7 @@ def for_similar_plant(controller: PolicyController, plant: Plant) -> PolicyContr
 def wrapped_policy(controller: PolicyController, passive_limit: float | None = None) -> PendulumPolicy:
     """What the file of a refined policy holds: an estimator, and around a policy that sees its plant what finds it.
 
-    ``passive_limit`` is the largest compensation of the passive joint's friction (N m); None for the usual one.
+    ``passive_limit`` is the largest compensation of the passive joint's friction (N m); None for the default.
     """
     scales = arm_scales(plant_of(controller))
     policy, estimator = policy_of(controller), default_estimator(plant_of(controller))

@@ -74,14 +74,14 @@ class PlantDraws:
     """How many plants of each kind are drawn."""
 
     single: int
-    """One parameter is off, anywhere in its range."""
+    """Plants with one parameter off, anywhere in its range."""
     joint: int
-    """All are off, each within ``SHARE`` of its range."""
+    """Plants with all parameters off, each within ``SHARE`` of its range."""
     friction: int
     """The passive joint has friction, up to the end of its range: Coulomb friction in two of three, damping in the
     third. In half of them all parameters are off as well, each within ``FRICTION_SHARE`` of its range."""
     robot: int
-    """As recordings show the robot, with what the compensation leaves of its friction. Everything in the plant is
+    """Plants of the recorded robot, with what the compensation leaves of its friction. Everything in the plant is
     heavier by what the motor does not deliver."""
 
 

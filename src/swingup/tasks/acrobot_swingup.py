@@ -35,7 +35,7 @@ MJCF = """<mujoco><option timestep="0.01" integrator="RK4"><flag constraint="dis
 <worldbody><body pos="0 0 2"><joint name="shoulder"/><geom size="0.05"/>
 <body pos="0 0 1"><joint name="elbow"/><geom size="0.049"/></body></body></worldbody>
 <actuator><motor joint="elbow" gear="2" ctrlrange="-1 1" ctrllimited="true"/></actuator></mujoco>"""
-"""The same for MuJoCo, with the suite's numbers; there q1 = 0 is upright."""
+"""The plant for MuJoCo, with the suite's numbers; there q1 = 0 is upright."""
 
 IDS = {"swingup/AcrobotSwingup-v0": False, "swingup/AcrobotSwingupSparse-v0": True}
 """Gymnasium's ids of the task, and whether it is sparse."""
@@ -162,7 +162,7 @@ class AcrobotPractice(AcrobotSwingup):
         return 10
 
     def reset(self, key: Key) -> PendulumState:
-        """As in the task, or in one of the starts."""
+        """Start as in the task, or in one of the starts."""
         state_key, start_key, chance_key = jax.random.split(key, 3)
         state = super().reset(state_key)
         if self.starts is None:

@@ -27,8 +27,8 @@ GivenT = TypeVar("GivenT", bound=AnyPendulumTask)
 GLOBAL_STARTS, STARTS_SEED = Starts(thrown=0.7, anywhere=0.15, hanging=0.15), 0
 """States in which the global task begins, and their seed. The board of global policies throws its pendulums."""
 SHORT_VELOCITY_COSTS = {"acrobot": (2.8, 1.4), "pendubot": (3.4, 1.7)}
-"""Of the short task (s²/rad²). With higher ones acrobots swing up later; with lower ones pendubots keep a slower
-swing-up."""
+"""Velocity costs of the short task (s²/rad²). With higher costs acrobots swing up later; with lower ones pendubots
+keep a slower swing-up."""
 
 
 def paper_task(robot: Robot, plant: Plant = LEADERBOARD) -> PendulumTask:
