@@ -206,7 +206,7 @@ def sample_actions(
 
 
 def _clamped(x: Float[Array, "..."], low: float, high: float) -> Float[Array, "..."]:
-    """Values within bounds, with a gradient beyond, too: a policy that a rare state threw there can come back."""
+    """Values within bounds, with gradient 1 outside as well: a policy that a rare state drives there can return."""
     return x + jax.lax.stop_gradient(jnp.clip(x, low, high) - x)
 
 

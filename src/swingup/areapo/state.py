@@ -112,7 +112,7 @@ def reset_ended(task: AbstractTask[Any], ended: Bool[Array, "envs"], states: Any
 
 
 def reward_unit(state: LearnerState) -> Scalar:
-    """σ, the deviation of the sums; that of a step's rewards where it is greater, as where they do not vary."""
+    """σ, the deviation of the sums, or of single rewards where it is greater: constant rewards have a σ, too."""
     return jnp.maximum(deviation(state.reward_statistics), jnp.sqrt(state.sum_statistics.variance))
 
 

@@ -38,7 +38,7 @@ class Sweep:
         return np.linspace(self.low, self.high, self.count).tolist()
 
     def __mul__(self, factor: float) -> "Sweep":
-        """The sweep of values that are so many times as large."""
+        """The sweep with all values multiplied by a factor."""
         return replace(self, low=self.low * factor, high=self.high * factor)
 
 
@@ -275,7 +275,7 @@ def change_grid(rules: RobustnessBoard, text: str) -> RobustnessBoard:
 
 
 def _parse(text: str, values: str, ends: int, *counts: int) -> tuple[list[float], list[int]]:
-    """So many ends of a range, and one of so many counts behind them."""
+    """The ends of a range and the counts behind them; ``counts`` are the accepted numbers of counts."""
     try:
         numbers = [float(part) for part in values.split(":")]
     except ValueError:

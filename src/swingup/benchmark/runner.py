@@ -219,8 +219,8 @@ def _simulate_plain(
 ) -> SimulatedBatch:
     """Run one controller in each of a batch of scenarios from hanging at rest; call it in 64-bit mode.
 
-    The torque of a controller whose answer is wrong is 0 from then on. After a few steps the time of so many
-    simulations is announced as ``announced`` says.
+    The torque of a controller whose answer is wrong is 0 from then on. After a few steps the time of
+    ``announced`` simulations is logged if it is long.
     """
     number, (dt, steps, depth, keep) = len(controllers), span
     calls: dict[int, TorqueFunction] = {}  # of the controllers without a fault

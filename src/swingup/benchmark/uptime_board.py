@@ -58,7 +58,7 @@ class UptimeBoard(AbstractBoard):
     cell: CellSettings | None = None
     """Disturbances of a CloudPendulum cell, in place of throws; None for throws."""
     side_by_side: int = 64
-    """The rows of a minute take 1.7 MB each."""
+    """The rows of one minute take 1.7 MB."""
 
     @property
     def columns(self) -> tuple[str, ...]:

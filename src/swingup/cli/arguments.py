@@ -24,7 +24,7 @@ def optional(text: str, metavar: str | None = None) -> Any:
 
 
 def value_of(make: Callable[..., Any], metavar: str, words: Any = 1) -> PrimitiveConstructorSpec[Any]:
-    """How tyro makes a value from so many words, ``"*"`` for any; a SwingupError of ``make`` is the command's."""
+    """How tyro makes a value from a number of words, ``"*"`` for any; errors of ``make`` are the command's."""
     return PrimitiveConstructorSpec(
         nargs=words,
         metavar=metavar,
@@ -44,7 +44,7 @@ def word_of(kind: str, *words: str) -> Any:
 def split_commas(*values: str) -> tuple[str, ...]:
     """Values of one option, which spaces or commas may separate; a file whose name has a comma is one value."""
     parts = [part for value in values for part in ([value] if Path(value).is_file() else value.split(",")) if part]
-    if not "".join(parts).strip():  # as of a shell's variable that is not set
+    if not "".join(parts).strip():  # from a shell's variable that is not set
         raise SwingupError("an option that takes one value or more has none: give a value, or leave the option out")
     return tuple(parts)
 

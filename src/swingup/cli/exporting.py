@@ -41,12 +41,7 @@ from .results import aligned, result_lines
 
 TRAJECTORY = "trajectory"
 FORMS = (*FOLDERS, "onnx", "c", TRAJECTORY)
-TRACKED_PROBLEMS = {
-    "tvlqr": "published",
-    "ilqr-riccati": "published",
-    "ilqr-mpc": "published",
-    "tvlqr-score": "score",
-}
+TRACKED_PROBLEMS = dict.fromkeys(("tvlqr", "ilqr-riccati", "ilqr-mpc"), "published") | {"tvlqr-score": "score"}
 """The problem whose swing-up a baseline follows."""
 
 POLICIES = (
@@ -184,10 +179,10 @@ def rehearse_command(
         robot: acrobot or pendubot, where the folder does not say it.
         board: how the runs are scored: sim2real, performance, hardware or hardware-perturbed.
         duration: length of a run (s); default: that of the board, 10 s.
-        seed: first seed of plants, loops and noise, as of evaluate.
+        seed: first seed of plants, loops and noise, as in swingup evaluate.
         seeds: seeds in a row; by default 10, or 1 in real time or in a perfect loop.
         real_time: one step every 2 ms, with periods and missed deadlines measured.
-        timeout: longest time of a call (s).
+        timeout: maximum time of a call (s).
         json: print one JSON object.
         save: also write the first run's trajectory to this CSV file.
     """
@@ -246,7 +241,7 @@ def plot_command(
         out: the picture's file.
         robot: the robot of the trajectories; by default the one whose driven joint alone has torque.
         plant: the trajectories' pendulum: its lengths and its torque limit.
-        columns: names and units of the trajectories' columns, as of score.
+        columns: names and units of the trajectories' columns, as in swingup score.
         fps: frames a second of an animation.
         size: height of an animation (pixels).
         speed: speed of an animation; 1 is real time.

@@ -186,7 +186,7 @@ def leaderboard_command(
     Args:
         robot: acrobot, pendubot or all.
         controller: controllers of yours: policy files or module:object.
-        board: boards, as of evaluate.
+        board: boards, those of evaluate.
         plant: what all are judged on, without published rows, and what baselines are designed for.
         seed: seed of noise, pushes, throws, plants and loops.
         recompute: also compute the robustness of ilqr-mpc, which takes minutes and whose row is shipped.

@@ -228,7 +228,7 @@ def compare_command(
             file has.
         robot: acrobot or pendubot, where the log's torques do not show which one the controller drives.
         seed: seed of what is drawn from the domain. Default: 0.
-        columns: names and units of the log's columns, as of swingup identify.
+        columns: names and units of the log's columns, as in swingup identify.
         out: page (.html) or figure (.png, .svg, .pdf) to write.
         json: print one JSON object.
     """

@@ -35,7 +35,7 @@ class Time(NamedTuple):
 
 
 TimeLike: TypeAlias = Any
-"""A number (s) or a :class:`Time`; not named as such, since most controllers need to know numbers alone."""
+"""A number (s) or a :class:`Time`; any type, since most controllers are written for numbers alone."""
 
 
 def split_time(t: float) -> Time:

@@ -34,7 +34,7 @@ class Rehearsal:
 
     folder: Folder
     result: Result
-    """As of the judge."""
+    """The judge's result."""
     stops: tuple[dict[str, Any] | None, ...]
     """When (s) and why the folder's guard stopped each run."""
     difference: str | None
@@ -97,15 +97,15 @@ def rehearse(
     Args:
         folder: a folder of ``swingup export --to realaigym`` or ``--to cloudpendulum``, or its Python file.
         plant: the plant, with the loop that its file has; None for the domain's.
-        domain: the loop that the plant's file lacks, and the plant if none is given: a domain, its name or file, or
-            "none" for a perfect loop; None for that of the board ``sim2real``.
+        domain: the loop that the plant's file lacks, and the plant where none is given: a domain, its name or file,
+            or "none" for a perfect loop; None for that of the board ``sim2real``.
         robot: which joint is driven; None where the folder says it.
         board: how the runs are scored. Limits of the folder's guard replace the board's.
         duration: length of a run (s); None for that of the board.
         seeds: number of seeds in a row, with a process each; None for 10, or for 1 in real time or a perfect loop.
-        seed: first seed of everything that is drawn, the same as of the judge.
+        seed: first seed of plants, loops and noise; the judge draws the same from it.
         real_time: one step a period, with the periods measured.
-        calling: longest time of a call (s).
+        calling: maximum time of a call (s).
         progress: called with the number of finished runs, and of all.
 
     Raises:

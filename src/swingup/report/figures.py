@@ -52,7 +52,7 @@ def trajectory_figure(
     columns = []
     for name, given in trajectories.items():
         rows = checked_rows(given, name)
-        # Rows that cannot be physics are drawn all the same: only a score needs more.
+        # Rows that cannot be physics are drawn as well: only a score needs physics.
         up = score(given, robot, plant=plant, force=True).criteria.swingup_time
         title = name if up is None else f"{name}, up at {up:.2f} s"
         _, *panels = motion_panels({"": rows}, robot, found, title)

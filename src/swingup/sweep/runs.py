@@ -29,7 +29,7 @@ from ..common.checks import is_number, one_of, whole_number
 from ..common.errors import SwingupError, needing, one_line
 from ..learner.metrics import METRICS_FILE, RESETS, REWARD_RATE, read_metrics
 from ..learner.presets import PRESETS, get_preset
-from ..learner.run import Run, resume_run, start_run
+from ..learner.run import resume_run, start_run
 from ..learner.run_folder import RunFolder
 from ..learner.run_settings import RunSettings, read_run_settings
 
@@ -139,7 +139,14 @@ def train_one(job: Job, report: Callable[[Row], None] = lambda row: None) -> Row
         if folder.newest_frames() >= end and (metrics := job.folder / METRICS_FILE).exists():
             row = next((each for each in read_metrics(metrics) if each["frames"] == end), None)
     if row is None:
-        with contextlib.closing(_open(folder, job)) as run:
+        # Two workers must not start the same run; training then takes the lock itself.
+        with folder.exclusive(LOCK_SECONDS):
+            if folder.has_checkpoint():
+                run = resume_run(job.folder, job.frames)
+            else:
+                folder.clear()  # killed before its first checkpoint
+                run = start_run(job.settings, job.folder, job.frames)
+        with contextlib.closing(run):
             for each in run.advance():
                 row = each.rows[0].as_dict()
                 report(row)
@@ -171,15 +178,6 @@ def summarise(jobs: Sequence[Job], rows: Sequence[Row]) -> list[dict[str, Any]]:
         scores = {"score": _middle(good, "score"), "interval": interval and list(interval)}
         table.append(counts | scores | {name: _middle(good, name) for name in ("best_score", REWARD_RATE, RESETS)})
     return table
-
-
-def _open(folder: RunFolder, job: Job) -> Run:
-    """A new run, or the folder's. Two workers must not start the same one; training then takes the lock itself."""
-    with folder.exclusive(LOCK_SECONDS):
-        if folder.has_checkpoint():
-            return resume_run(job.folder, job.frames)
-        folder.clear()  # killed before its first checkpoint
-        return start_run(job.settings, job.folder, job.frames)
 
 
 def _middle(rows: Sequence[Row], name: str) -> float:

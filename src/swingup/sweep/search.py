@@ -168,7 +168,7 @@ def train_trial(plan: SearchPlan, trial: "Trial") -> float:
     from optuna import TrialPruned
 
     scores: list[float] = []
-    # A trial that continues an interrupted one has the former's attributes.
+    # A trial that continues an interrupted trial has its attributes.
     folder = trial.user_attrs.get("folder", str(plan.out / f"trial-{trial.number}"))
     trial.set_user_attr("folder", folder)
     params = {name: _suggest(trial, name, text) for name, text in plan.space.items()}
