@@ -76,7 +76,6 @@ class Pendulums:
     def _start(
         self, seed: int | None, options: dict[str, Any] | None
     ) -> tuple[Float32[np.ndarray, "envs n"], Float32[np.ndarray, "envs 4"]]:
-        """Start all episodes: observations and states."""
         start = _checked_start(options)
         if seed is not None:  # the last one's must fit the 32 bits that JAX has: it would cut larger ones
             seed = whole_number("seed", seed, 0, 2**32 - self._count)

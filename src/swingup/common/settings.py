@@ -57,12 +57,12 @@ def read_settings(metadata: Mapping[str, Any], kind: type[SettingsT]) -> Setting
     return kind(**read_values(metadata[kind.PART], kind.PART, kind)) if kind.PART in metadata else None
 
 
-def read_values(given: Any, part: str, kind: Any) -> dict[str, Any]:
+def read_values(content: Any, part: str, kind: Any) -> dict[str, Any]:
     """The values that an object of JSON gives for a kind's settings, whose names are checked."""
-    if not isinstance(given, Mapping):
-        raise SwingupError(f"{part} {quoted(given)} is not an object of settings: use {{}} for the defaults")
-    known, values = settings_of(kind), dict(given)
-    for name, value in given.items():
+    if not isinstance(content, Mapping):
+        raise SwingupError(f"{part} {quoted(content)} is not an object of settings: use {{}} for the defaults")
+    known, values = settings_of(kind), dict(content)
+    for name, value in content.items():
         inner, _ = known[one_of(f"{part} setting", name, known)]
         if is_dataclass(inner):
             values[name] = inner(**read_values(value, f"{part} {name}", inner))  # type: ignore[operator]  # a class

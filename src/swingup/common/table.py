@@ -116,7 +116,6 @@ class _Cells:
         return self.names.index(title) if title in self.names else int(title[1:]) - 1
 
     def rows(self, first: int, end: int) -> "_Cells":
-        """Rows in a row."""
         return replace(self, columns=[each[first:end] for each in self.columns], lines=self.lines[first:end])
 
 
@@ -318,7 +317,6 @@ def spread_evenly(time: Float[np.ndarray, "rows"]) -> Float[np.ndarray, "rows"] 
 
 
 def _read_cells(path: str | Path) -> _Cells:
-    """Read a file's cells, by its suffix."""
     content = read_bytes(path, LARGEST_TABLE)
     if Path(path).suffix.lower() in ARRAY_FILES:
         arrays = read_arrays(path, content)
@@ -343,11 +341,11 @@ def _text_cells(text: str) -> _Cells:
     separator, decimal = _find_separator([line for _, line in lines if not line.lstrip().startswith(COMMENTS)])
     split = [[cell.replace(decimal, ".") for cell in _split(line, separator)] for _, line in lines]
     # Facts of the recording may stand above the table, whose rows are as wide as most in the second half.
-    usual = Counter(map(len, split[len(split) // 2 :])).most_common(1)
+    widths = Counter(map(len, split[len(split) // 2 :])).most_common(1)
 
     def is_row(cells: list[str]) -> bool:
         numbers = sum(_number(cell) is not None for cell in cells)
-        return len(cells) >= usual[0][0] and any(cells) and 2 * numbers >= sum(map(bool, cells))
+        return len(cells) >= widths[0][0] and any(cells) and 2 * numbers >= sum(map(bool, cells))
 
     first = next((k for k, cells in enumerate(split) if is_row(cells)), len(split))
     rows = [

@@ -191,7 +191,7 @@ class _Maps:
     """The regression of one log under many maps of its columns, each solved once."""
 
     def __init__(self, setting: Integration, spans: Segments, start: np.ndarray, driven: Sequence[bool]) -> None:
-        self.given = setting, spans, start, any(driven)
+        self.arguments = setting, spans, start, any(driven)
         self.moving = np.array(driven, float)
         self.fastest = np.quantile(np.abs(spans.states[..., 2:]), 0.99, axis=(0, 1))
         self.solved: dict[bytes, Solution] = {}
@@ -209,7 +209,7 @@ class _Maps:
         key = (np.round(np.concatenate(mirrored), 6) + 0.0).tobytes()
         # Pairs are solved for one age alone: such a solution does not serve where all ages count.
         if key not in self.solved or ages > 1:
-            self.solved[key] = regress(*self.given, columns, ages)
+            self.solved[key] = regress(*self.arguments, columns, ages)
         return self.solved[key]
 
 
@@ -225,7 +225,7 @@ def _name_unit(maps: _Maps, best: Sequence[Convention], guess: Convention) -> Co
 
     def cost(size: float) -> float:
         # The masses stay, since they would make up for a unit.
-        return regress(*maps.given, column_map([*others, sized(size)]), 1, maximum_factor=1.001).cost
+        return regress(*maps.arguments, column_map([*others, sized(size)]), 1, maximum_factor=1.001).cost
 
     size = min(TORQUE_SIZES, key=cost)
     plain = {name: each for name, each in UNITS["tau"].items() if name.lower() not in NEEDS_CONSTANT}

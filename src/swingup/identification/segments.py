@@ -102,7 +102,7 @@ def cut_windows(
 ) -> Segments:
     """Windows of ``length`` (s) every ``stride`` (s), with states ``INTERVAL`` apart.
 
-    The first window starts one stride after the first row. The impulse is given ``TORQUE_STEP`` apart, from
+    The first window starts one stride after the first row. Impulses are ``TORQUE_STEP`` apart, from
     ``HISTORY`` before the start to ``AHEAD`` after the end.
     """
     # The smoother needs rows to both sides of a window.

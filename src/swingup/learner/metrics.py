@@ -198,7 +198,6 @@ class _Board:
         self._add(after_frames + 1, session_log=SessionLog(status=SessionLog.START))
 
     def write(self, row: Mapping[str, Any]) -> None:
-        """Write a row's numbers at its frames."""
         values = [
             self._summary.Value(tag=name, simple_value=value)
             for name, value in row.items()
@@ -208,7 +207,6 @@ class _Board:
         self._records.flush()
 
     def close(self) -> None:
-        """Close the file."""
         self._records.close()
 
     def _add(self, step: int, **content: Any) -> None:

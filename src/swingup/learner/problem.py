@@ -331,15 +331,15 @@ def make_problem(env: Any, plant: PlantLike | None = None) -> AbstractProblem:
 
 def problem_from_record(content: Mapping[str, Any]) -> AbstractProblem:
     """The problem of a ``record``, which does not hold an environment that was passed in."""
-    robot, env, given = content["robot"], content["env"], content.get("plant")
+    robot, env, facts = content["robot"], content["env"], content.get("plant")
     if (robot is None) == (env is None):
         raise SwingupError(f"robot = {quoted(robot)} and env = {quoted(env)}: one of the two is trained on")
     if not isinstance(name := env if robot is None else robot, str):
         raise SwingupError(f"{quoted(name)} is not a robot or an environment")
     if robot is not None:
-        plant = LEADERBOARD if given is None else make_plant(given, "its plant", str(given["name"]))
+        plant = LEADERBOARD if facts is None else make_plant(facts, "its plant", str(facts["name"]))
         return RobotProblem(robot, plant)
-    if given is not None:
+    if facts is not None:
         raise SwingupError(f"a plant goes with a robot, not with {one_line(env, 80)}")
     return HostProblem(env, None if env.startswith("<") else env)
 

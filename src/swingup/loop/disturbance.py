@@ -221,10 +221,11 @@ def disturbance_as_dict(disturbance: Disturbance) -> dict[str, Any]:
     """A disturbance of the board's loop as JSON values: numbers, the words of its noise's key, and any pushes."""
     names = ("velocity_noise", "torque_noise", "response")
     numbers: dict[str, Any] = {name: float(getattr(disturbance.loop, name)) for name in names}
-    pushes = {name: np.asarray(values).tolist() for name, values in vars(disturbance.pushes).items()}
-    given = {"pushes": pushes} if np.any(np.asarray(disturbance.pushes.amplitude)) else {}
     numbers["delay_steps"] = int(disturbance.delay_steps)
-    return numbers | {"noise": np.asarray(disturbance.noise).tolist()} | given
+    numbers["noise"] = np.asarray(disturbance.noise).tolist()
+    if np.any(np.asarray(disturbance.pushes.amplitude)):
+        numbers["pushes"] = {name: np.asarray(values).tolist() for name, values in vars(disturbance.pushes).items()}
+    return numbers
 
 
 def step_noise(disturbance: Disturbance, step: Count, dtype: jnp.dtype) -> tuple[Float[Array, "2"], Torque]:

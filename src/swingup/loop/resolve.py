@@ -109,25 +109,25 @@ def _domain_of(content: Mapping[str, Any], name: str = "DOMAIN.yml", folder: str
     values = dict(content)
     velocities = values.pop("velocities", None)
     named, design = (
-        given if given is None or isinstance(given, Plant) else base_plant(given, folder)
-        for given in (values.pop("plant", None), values.pop("design", None))
+        source if source is None or isinstance(source, Plant) else base_plant(source, folder)
+        for source in (values.pop("plant", None), values.pop("design", None))
     )
     ranges = {each: _range(each, value) for each, value in values.items()}
     if twice := [each for each in MOTORS if each in ranges and TORQUE_LIMIT in ranges]:
         raise SwingupError(f"{', '.join(twice)} and {TORQUE_LIMIT} say the same: give one of them")
-    given = ranges | (dict.fromkeys(MOTORS, ranges[TORQUE_LIMIT]) if TORQUE_LIMIT in ranges else {})
-    if named is None and not given.keys() >= set(PLANT):
+    ends = ranges | (dict.fromkeys(MOTORS, ranges[TORQUE_LIMIT]) if TORQUE_LIMIT in ranges else {})
+    if named is None and not ends.keys() >= set(PLANT):
         raise SwingupError(
             f"domain {one_line(name)} lacks its plant: add 'plant', one of {', '.join(SHIPPED_PLANTS)}, "
             f"{PLANT_FILES}, or all values of one"
         )
     # A plant without ranges is the middle of ranges of one value.
-    middles = {each: 0.5 * (low + high) for each, (low, high) in given.items()}
+    middles = {each: 0.5 * (low + high) for each, (low, high) in ends.items()}
     plant = make_plant(middles, f"domain {name}", name) if named is None else named
     low, high = (
         PlantInLoop(
-            plant.changed(**{each: given[each][end] for each in given if each in NAMES}),
-            Loop(**{each: given[each][end] for each in given if each in VALUES}, velocities=velocities),
+            plant.changed(**{each: ends[each][end] for each in ends if each in NAMES}),
+            Loop(**{each: ends[each][end] for each in ends if each in VALUES}, velocities=velocities),
         )
         for end in (0, 1)
     )

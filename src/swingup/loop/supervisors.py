@@ -146,7 +146,7 @@ class Throws(AbstractSupervisor[tuple[PID, Count]]):
         return start_pid(dtype), jnp.zeros((), int)
 
     def __call__(self, memory: tuple[PID, Count], t: Scalar, x: State) -> tuple[tuple[PID, Count], Intervention]:
-        """The PID drives both joints during a throw."""
+        """Let the PID drive both joints during a throw."""
         before, step = memory
         # By the step and not by the time: the benchmark's clock is a sum, whose rounding the plan contains.
         number = jnp.asarray(self.number)[step]

@@ -93,9 +93,9 @@ def _model_plant(path: str | Path, name: str) -> Plant:
     facts = read_model(path).facts
     missing = [each for each in NAMES if each not in facts]
     if missing:
-        given = " ".join(f"{each}=..." for each in missing)
+        words = " ".join(f"{each}=..." for each in missing)
         raise SwingupError(
-            f"it does not say {', '.join(missing)}: swingup plant {one_line(path)} --set {given} --out mine.yml"
+            f"it does not say {', '.join(missing)}: swingup plant {one_line(path)} --set {words} --out mine.yml"
         )
     return make_plant(facts, f"model file {path}", name)
 

@@ -161,9 +161,9 @@ def _transmissions(root: Element) -> tuple[dict[str, float], dict[str, float]]:
         joint, numbers = element.find("joint"), {}
         for tag in ("mechanicalReduction", "drake:gear_ratio", "drake:rotor_inertia"):
             for each in element.iter(tag):
-                given = Element(tag, value=each.get("value", (each.text or "").strip()))
-                check_numbers(given)
-                numbers[tag] = number_of(given, "value")
+                number = Element(tag, value=each.get("value", (each.text or "").strip()))
+                check_numbers(number)
+                numbers[tag] = number_of(number, "value")
         # Its sign says which way the motor turns, which a symmetric limit does not show.
         gear = abs(numbers.get("drake:gear_ratio", numbers.get("mechanicalReduction", 1.0))) or 1.0
         if joint is not None:
@@ -235,7 +235,6 @@ def mjcf(root: Element, notes: list[str]) -> Source:
 
 
 def _check_driven(driven: Mapping[str, Any], joints: Iterable[str]) -> None:
-    """Refuse motors of joints that the file does not have."""
     if unknown := sorted({*driven} - {*joints}):
         raise SwingupError(
             f"a motor acts on joint {quoted(unknown[0])}, which the file does not have: correct its name"
@@ -251,7 +250,6 @@ def has_physics(spec: Any, *flags: str) -> bool:
 
 
 def _check_bodies(spec: Any) -> None:
-    """Refuse what changes the motion, and joints that are not hinges."""
     for joint in spec.joints:
         where, kind = f"joint {quoted(joint.name)}", joint.type.name.removeprefix("mjJNT_").lower()
         if kind != "hinge":

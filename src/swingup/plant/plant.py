@@ -168,10 +168,9 @@ def validated(plant: Plant) -> Plant:
     """
     found = plant.changed(**{name: _real(name, value) for name, value in plant.values().items()})
     for name in ("m1", "m2", "l1", "l2", "g"):
-        if getattr(found, name) <= 0:
-            raise SwingupError(f"parameter {name} = {getattr(found, name):g} must be positive")
-        if getattr(found, name) < SMALLEST_NUMBER:
-            value = getattr(found, name)
+        if (value := getattr(found, name)) <= 0:
+            raise SwingupError(f"parameter {name} = {value:g} must be positive")
+        if value < SMALLEST_NUMBER:
             raise SwingupError(f"parameter {name} = {value:g} must be at least {SMALLEST_NUMBER:g}: use SI units")
     for name in ("tl1", "tl2"):
         if getattr(found, name) < 0:

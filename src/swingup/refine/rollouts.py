@@ -22,8 +22,8 @@ THROWN_SHARE = 0.5
 """Share of the runs that begin after a throw or hanging still at an angle; the others begin near a swing-up."""
 STILL_SHARE = 0.3  # share of these that hang still, where a constant torque may hold the plant for good
 NOISE = 0.6  # twice the standard deviation of the torques' noise on each joint in the roughest runs (N m)
-SLOWEST = 0.4
-"""Maximum time in which the plant that the student sees goes from the nominal one to the run's (s)."""
+MAXIMUM_APPROACH = 0.4
+"""Maximum time in which the plant that the student sees approaches the run's from the nominal one (s)."""
 OFF_SWINGUP = (0.1, 0.1, 0.6, 0.6)
 """Deviations of the initial states of the roughest runs from a swing-up (rad, rad/s)."""
 SPEED_LIMIT = 40.0
@@ -184,12 +184,12 @@ def _noisy_run(
     rough = jax.random.uniform(rough_key) ** 1.5
     steps, driven = round(RUN_DURATION / DT), jnp.array(robot.actuation, jnp.float32)
     # In two of five runs the plant is known at once.
-    known_after = SLOWEST * jnp.clip(jax.random.uniform(slow_key, minval=-0.7), 0.0)
+    approach = MAXIMUM_APPROACH * jnp.clip(jax.random.uniform(slow_key, minval=-0.7), 0.0)
 
     def step(carry: tuple[State, Array], each: tuple[Scalar, Array]) -> Any:
         (x, drift), (time, kick) = carry, each
         drift = 0.98 * drift + 0.1 * rough * kick
-        known = jnp.clip(time / jnp.maximum(known_after, DT), 0, 1)
+        known = jnp.clip(time / jnp.maximum(approach, DT), 0, 1)
         u, row = act(x, ends[0] + known * (ends[1] - ends[0]))
         # The noise ends before the run does: it should come to rest.
         noise = NOISE * drift * (time < 0.6 * steps * DT)

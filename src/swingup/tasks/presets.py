@@ -22,7 +22,7 @@ from .task import PendulumStage
 AnyPendulumTask = AbstractPendulumTask | AcrobotSwingup
 """A task of a double pendulum, of a robot's or of dm_control's."""
 TaskT = TypeVar("TaskT", bound=AbstractPendulumTask)
-GivenT = TypeVar("GivenT", bound=AnyPendulumTask)
+AnyTaskT = TypeVar("AnyTaskT", bound=AnyPendulumTask)
 
 GLOBAL_STARTS, STARTS_SEED = Starts(thrown=0.7, anywhere=0.15, hanging=0.15), 0
 """States in which the global task begins, and their seed. The board of global policies throws its pendulums."""
@@ -98,7 +98,7 @@ def get_task(name: str, robot: Robot, plant: Plant = LEADERBOARD) -> AbstractPen
     return TASKS[one_of("task", name, TASKS)](robot, plant)
 
 
-def find_task(task: str | GivenT, robot: str, plant: PlantLike | None = None) -> AbstractPendulumTask | GivenT:
+def find_task(task: str | AnyTaskT, robot: str, plant: PlantLike | None = None) -> AbstractPendulumTask | AnyTaskT:
     """A task for a robot's environment, by name or passed in.
 
     A named task is in the units of the plant, or without one of the leaderboards'. A task that is passed in must be
