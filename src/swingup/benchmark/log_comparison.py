@@ -31,7 +31,7 @@ MAX_PLANTS = 4
 DRAWN_LENGTH = 0.5
 """Length of the predictions that are drawn (s)."""
 MAX_RUN_DURATION = 120.0
-"""Longest simulated run (s)."""
+"""Maximum duration of a simulated run (s)."""
 
 
 @dataclass(frozen=True)

@@ -101,16 +101,16 @@ class GuardSettings(Settings):
     dt: Annotated[float, Range(1e-6, 0.1)] = 0.002
     """Time between calls (s)."""
     angle_limit: Annotated[float, Range(1e-6, 1e6)] = 4 * math.pi
-    """Largest angle of either joint (rad)."""
+    """Maximum angle of either joint (rad)."""
     velocity_limit: Annotated[float, Range(1e-6, 1e6)] = 20.0
-    """Largest velocity of either joint (rad/s)."""
+    """Maximum velocity of either joint (rad/s)."""
     longest_gap: Annotated[float, Range(1e-6, 1e6)] = 0.05
-    """Longest time without a fresh measurement (s): between two calls, of numbers that are not finite, or of angle
+    """Maximum time without a fresh measurement (s): between two calls, of numbers that are not finite, or of angle
     and velocity of a joint that repeat, digit by digit, with a velocity other than 0."""
     stuck_time: Annotated[float, Range(1e-6, 1e6)] = 0.2
-    """Longest time (s) for which the driven joint's measurement may repeat under more than half its torque."""
+    """Maximum time (s) for which the driven joint's measurement may repeat under more than half its torque."""
     torque_rate: Annotated[float | None, Range(1e-6, 1e6)] = None
-    """Fastest change of a torque (N m/s), to which torques are limited; None: the motor's limit within ``dt``."""
+    """Maximum rate of change of the torques (N m/s), which limits them; None: the motor's limit within ``dt``."""
     braking: Annotated[float, Range(0.0, 1e3)] = 0.0
     """Damping kd of a stopped joint (N m s/rad): its torque is -kd q̇ within its limit. At 0 all torques are 0."""
 
@@ -123,7 +123,7 @@ class GuardSettings(Settings):
             )
 
     def rate(self, limit: float) -> float:
-        """Fastest change of the torque (N m/s) of a motor with a torque limit (N m)."""
+        """Maximum rate of change of the torque (N m/s) of a motor with a torque limit (N m)."""
         return limit / self.dt if self.torque_rate is None else self.torque_rate
 
 

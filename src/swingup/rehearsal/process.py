@@ -58,9 +58,9 @@ def find_folder(path: str | Path) -> Folder:
 
 
 LOADING_TIME = 60.0
-"""Longest time in which a folder may be imported (s); a cold disk and a busy machine take seconds."""
+"""Maximum time of an import (s): a cold disk and a busy machine take seconds."""
 CALLING_TIME = 2.0
-"""Longest time of a call (s), after which it counts as hung."""
+"""Maximum time of a call (s), after which it counts as hung."""
 
 
 class FolderProcess(AbstractContextManager["FolderProcess"]):
@@ -154,7 +154,7 @@ class FolderProcess(AbstractContextManager["FolderProcess"]):
 
 
 WATCHED_TIME = 0.0005
-"""The last part of a wait (s) is spent looking at the clock: a sleep may last longer than asked."""
+"""End of a wait (s) that is spent looking at the clock: a sleep may take longer than its time."""
 
 
 @dataclass

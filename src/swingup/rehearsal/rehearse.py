@@ -76,7 +76,7 @@ def spread(seconds: Sequence[float]) -> dict[str, float]:
 SEEDS = 10
 """Runs of a rehearsal; in real time and in a perfect loop it is one."""
 MAX_DURATION = 600.0
-"""Longest run (s)."""
+"""Maximum duration of a run (s)."""
 
 
 def rehearse(
