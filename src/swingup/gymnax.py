@@ -91,13 +91,7 @@ class PendulumEnvironment:
     def __init__(
         self, robot: str, task: str | AbstractPendulumTask = "paper", plant: PlantLike | None = None
     ) -> None:
-        """Prepare an environment.
-
-        Args:
-            robot: ``acrobot`` or ``pendubot``.
-            task: name of a variant of the task, see :data:`swingup.tasks.presets.TASKS`, or a task.
-            plant: the pendulum, in whose units a named task is: a plant, its name or its file; None for the
-                leaderboards'.
+        """Prepare an environment; the arguments are those of :class:`swingup.gym.PendulumEnv`.
 
         Raises:
             SwingupError: there is no such robot, task or plant, or the task is another robot's, or a task that was

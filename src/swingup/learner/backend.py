@@ -58,10 +58,7 @@ class AbstractEvaluator(abc.ABC):
 
 
 class AbstractBackend(abc.ABC):
-    """A task to train on with one or several seeds, compiled or stepped by the host.
-
-    The state of several seeds has a leading axis.
-    """
+    """A task, compiled or stepped by the host, on which seeds train; the state of several has a leading axis."""
 
     evaluator: AbstractEvaluator
     """Scores and saves the policies."""

@@ -56,7 +56,6 @@ class CompiledBackend(AbstractBackend):
     def __init__(
         self, task: AbstractTask[Any], config: Config, seeds: Sequence[int], evaluator: AbstractEvaluator
     ) -> None:
-        """Take a task, the seeds to train on it, and the evaluator of their policies."""
         self._task, self._config, self._seeds, self.evaluator = task, config, seeds, evaluator
         self._advance = _train if len(seeds) == 1 else _train_shared(sharing_mesh(len(seeds)))
 
@@ -199,7 +198,6 @@ class ReturnEvaluator(AbstractEvaluator):
     """Evaluates by the mean return of episodes of any task in JAX; they are the same each time."""
 
     def __init__(self, task: AbstractTask[Any], seed: int, episodes: int) -> None:
-        """The evaluator of a task, with a default number of episodes."""
         adapted = task if isinstance(task, AbstractAdaptedTask) else None
         self.observation_shape = adapted.observation_shape if adapted else (task.observation_size,)
         self.actions = task.actions if isinstance(task, AbstractAdaptedTask | AcrobotPractice) else None

@@ -316,7 +316,6 @@ class CheckedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
-        """Check an environment when it is first used."""
         _refuse_normalisers(env)
         super().__init__(env)
         self._checked: set[str] = set()

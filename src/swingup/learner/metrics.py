@@ -124,10 +124,7 @@ class Row:
 
 
 class MetricsWriter(contextlib.AbstractContextManager["MetricsWriter"]):
-    """Appends reports to a run's folder; resuming drops those after the checkpoint.
-
-    A file that cannot be written is a :class:`SwingupError`.
-    """
+    """Appends reports to a run's folder; a run that is resumed drops the reports after its checkpoint."""
 
     def __init__(self, folder: Path, after_frames: int = 0) -> None:
         """Open the files of a run that has trained for ``after_frames``."""

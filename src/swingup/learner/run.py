@@ -47,10 +47,7 @@ class Run:
         goal: int,
         folder: RunFolder | None,
     ) -> None:
-        """A run at some point of its training.
-
-        The goal counts frames of each seed; without a folder nothing is written.
-        """
+        """A run up to ``goal`` frames of each seed; without a folder nothing is written."""
         self.settings, self.backend, self.progress, self.goal = settings, backend, progress, goal
         self._folder = folder
         self._stopping = False

@@ -69,14 +69,9 @@ def sample_starts(
     number: int,
     cost_to_go: Float[np.ndarray, "4 4"] | None = None,
 ) -> Float[np.ndarray, "number 4"]:
-    """Draw states (rad, rad/s) of a plant, kind by kind in the order of :data:`KINDS`; angles are not wrapped.
+    """Draw states (rad, rad/s) in a plant's own units, in the order of :data:`KINDS`; angles are not wrapped.
 
-    Args:
-        random: source of the random numbers.
-        plant: the plant, with the robot's torque limits; states are in its own units.
-        starts: weights of the kinds.
-        number: number of states.
-        cost_to_go: cost-to-go of the plant's regulator, which states near the top need.
+    The plant has the robot's torque limits. States near the top need the cost-to-go of the plant's regulator.
     """
     counts = starts.counts(number)
     thrown = thrown_states(random, plant, counts["thrown"])

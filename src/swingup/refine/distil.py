@@ -334,10 +334,7 @@ def make_recoveries(
 
 
 def recovery_cost(student: PolicyController, recoveries: Recoveries, scored: ScoredSteps, key: Key) -> Scalar:
-    """Mean cost of recoveries of a student that is informed of its plant, as far as a regulator lets it act.
-
-    Their gradients are bounded.
-    """
+    """Mean cost, with bounded gradients, of an informed student's recoveries, as far as a regulator lets it act."""
     number, weights = scored.recoveries, scored.weights
     plant_key, start_key = jax.random.split(key)
     start = jax.random.randint(start_key, (number,), 0, len(recoveries.starts))

@@ -143,7 +143,6 @@ class AnalyticPolicyGradient:
     """Gradient steps for one controller: a part of each batch on every core, or one batch on an accelerator."""
 
     def __init__(self, controller: PolicyController, stage: GradientStage, plant: Plant) -> None:
-        """Prepare; nothing is compiled before the first step."""
         self._plant = plant.driven(controller.robot)
         # The actor is differentiated, and so an argument of its own; here it is left out.
         self._controller = eqx.tree_at(lambda c: c.policy.actor, single_precision(controller), None)

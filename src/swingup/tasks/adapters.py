@@ -66,7 +66,6 @@ class AdaptedState(eqx.Module):
     """Its observation, flattened: environments return it with the state."""
 
     def __init__(self, inner: Any, observation: Any) -> None:
-        """A state of what an environment returns."""
         self.inner, self.observation = jax.tree.map(strongly_typed, inner), _flat(observation)
 
 
