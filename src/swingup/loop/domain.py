@@ -14,7 +14,7 @@ import jax
 
 from ..common.errors import SwingupError
 from ..dynamics.integrate import stable_substeps
-from ..plant.plant import FRICTIONLESS_SUFFIX, NAMES, Plant, validated
+from ..plant.plant import FRICTIONLESS_SUFFIX, NAMES, RANGE_REFUSED, Plant, validated
 from .disturbance import Effects
 from .loop import LONGEST_PERIOD, LOOP_DT, PERFECT_LOOP, VALUES, Loop
 
@@ -135,10 +135,7 @@ class Domain:
         for name in NAMES:
             low, high = self.low.value(name), self.high.value(name)
             if low != high:
-                raise SwingupError(
-                    f"{name} = [{low:g}, {high:g}] is a range, and a plant has facts: give one value, or use the "
-                    "file as a domain"
-                )
+                raise SwingupError(f"{name} = [{low:g}, {high:g}] {RANGE_REFUSED}")
         return dataclasses.replace(self.low.plant, name=self.name)
 
     def frictionless(self) -> "Domain":

@@ -19,7 +19,7 @@ from ..common.checks import LARGEST_NUMBER, one_of
 from ..common.errors import SwingupError, naming, one_line, quoted
 from ..common.files import has_suffix, write_atomically, write_map
 from .base_parameters import BASE_NAMES, base_parameters
-from .plant import LEADERBOARD, NAMES, Plant, PlantLike, make_plant, validated
+from .plant import LEADERBOARD, NAMES, RANGE_REFUSED, Plant, PlantLike, make_plant, validated
 
 PARAMETER_FILES, MODEL_FILES = (".yml", ".yaml"), (".urdf", ".xml", ".mjcf")
 """Ends of the names of parameter files, and of files in other programs' formats."""
@@ -105,10 +105,7 @@ def _read_plant(file: str) -> Plant:
     base = base_plant(entries["plant"], Path(file).parent).values() if "plant" in entries else {}
     for name in NAMES:
         if isinstance(entries.get(name), list):
-            raise SwingupError(
-                f"{name} = {quoted(entries[name])} is a range, and a plant has facts: "
-                "give one value, or use the file as a domain"
-            )
+            raise SwingupError(f"{name} = {quoted(entries[name])} {RANGE_REFUSED}")
     return make_plant(base | entries, f"parameter file {file}", file)
 
 

@@ -142,6 +142,9 @@ class Plant:
 NAMES = tuple(each.name for each in dataclasses.fields(Plant) if each.name != "name")
 """Names of the numbers."""
 
+RANGE_REFUSED = "is a range, and a plant has facts: give one value, or use the file as a domain"
+"""The end of a message about a range in the place of a plant's number."""
+
 PlantLike: TypeAlias = Plant | str | Path
 """A plant, a shipped plant's name, or a file."""
 
