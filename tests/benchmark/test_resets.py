@@ -66,7 +66,7 @@ def wander(seed):
     return times, states
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_call_by_call_as_the_text_says(seed):
     # 9.6 s; the last planned reset comes after the end. Both angles and both speeds exceed their limits at times.
     times, states = wander(seed)
@@ -191,7 +191,7 @@ def visits(seed):
     return times, states
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_call_by_call_as_the_example(seed):
     given = example_disturbances(np.random.default_rng(seed))
     times, states = visits(seed)

@@ -32,16 +32,6 @@ def test_a_policy_file_and_the_entrys_names(run, tmp_path):
     assert entry["robot"] == "pendubot"
 
 
-def test_a_folder_for_cloudpendulum(run, tmp_path):
-    told = run("export adaptive --robot acrobot --to cloudpendulum --out cell").splitlines()
-    assert told[0].endswith("cell/controller_swingup.py")
-    assert told[2].startswith("it may command 6 N m at the elbow")
-    assert '"velocity_limit": 50.0' in (tmp_path / "cell/controller_swingup.py").read_text()
-    readme = (tmp_path / "cell/README.md").read_text()
-    assert readme.startswith("# swingup for CloudPendulum, acrobot")
-    assert "@" not in readme
-
-
 def test_the_guard_of_an_export(run, tmp_path):
     """On by default and in the entry, for its owner to change; left out for simulations."""
     base = "export ar-eapo --robot acrobot --to"

@@ -12,7 +12,7 @@ from swingup.benchmark.boards import ROBUSTNESS
 from swingup.benchmark.robustness_board import upright
 from swingup.benchmark.rollout import Scenario
 from swingup.benchmark.runner import run_one
-from swingup.controllers.baselines import baselines, continuation
+from swingup.controllers.baselines import baselines
 from swingup.controllers.baselines.baselines import baseline, design_of, in_real_units, shipped_reference
 from swingup.controllers.baselines.continuation import (
     ContinuationSettings,
@@ -28,7 +28,7 @@ from swingup.dynamics.dynamics import UPRIGHT
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.files import load_plant
-from swingup.plant.plant import LEADERBOARD, NAMES, get_robot
+from swingup.plant.plant import LEADERBOARD, get_robot
 from swingup.plant.units import scales_of
 
 ACROBOT = get_robot("acrobot")
@@ -123,8 +123,6 @@ def test_baselines_swing_up_other_plants(name):
 
 
 SETTINGS = ContinuationSettings()
-LONG_STEPS = dataclasses.replace(SETTINGS, first_step=0.2, largest_step=0.4)
-"""Longer than the default ones, for which all steps are of one length."""
 
 
 def stacked(*plants):
@@ -155,30 +153,6 @@ def test_a_swing_up_counts_if_it_is_cheap_slow_upright_finite_and_within_the_mot
     cost = np.array([0.24, 0.24, 0.24, 0.24, 0.24, 0.26, 0.24])
     tried = dataclasses.replace(nominal, states=states, torque=torque, gains=gains, cost=cost)
     np.testing.assert_array_equal(accepted(tried, SETTINGS), [True, *[False] * 6])
-
-
-def test_plants_move_by_steps_of_their_own(monkeypatch):
-    """With an optimiser that fails above the nominal mass: one plant arrives, the other is given up."""
-    called, told = [], []
-
-    def optimised(swingups, settings):
-        called.append(len(swingups.reached))
-        failed = swingups.plants.m2 > NOMINAL.m2 + 0.06
-        return dataclasses.replace(swingups, cost=np.where(failed, np.nan, 0.16))
-
-    monkeypatch.setattr(continuation, "_optimised", optimised)
-    targets = stacked(*(dataclasses.replace(NOMINAL, m2=NOMINAL.m2 + more) for more in (-0.1, 0.1)))
-    settings = dataclasses.replace(LONG_STEPS, batch=3)
-    found = continue_swingups("acrobot", targets, settings, lambda done, total: told.append((done, total)))
-    assert found.reached[0] == 1.0
-    # All parameters are the target's to the last bit.
-    assert all(getattr(found.plants, name)[0] == getattr(targets, name)[0] for name in NAMES)
-    # The plant fails above λ = 0.6. It is given up within a step below 0.01 / 0.4 of that.
-    assert 0.6 - 0.025 < found.reached[1] <= 0.6
-    assert found.plants.m2[1] == pytest.approx(NOMINAL.m2 + 0.1 * found.reached[1])
-    # Two plants fill a batch of three. 0.2 + 0.3 + 0.4 + 0.1 are four rounds.
-    assert set(called) == {3}
-    assert told[:5] == [(0, 2), (0, 2), (0, 2), (0, 2), (1, 2)]
 
 
 @pytest.mark.slow

@@ -146,7 +146,7 @@ def test_the_plants_own_limit_counts():
     assert search.limits_for(domains[0], "both", 20.0).torque == (20.0, 20.0)
 
 
-@pytest.mark.parametrize("domain", [None, "recorded"])
+@pytest.mark.parametrize("domain", ["recorded", pytest.param(None, marks=pytest.mark.slow)])
 def test_torques_are_those_of_the_plants_motors(domain):
     """In the loop of another robot as well, whose motors have 6 N m; so is the prior around the plant."""
     found = search.excite("cloudpendulum", domain, duration=3.0)

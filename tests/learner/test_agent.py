@@ -71,7 +71,7 @@ def test_a_callback_that_raises_lets_the_folder_go(tmp_path):
     assert model.learn(64).frames == 128
 
 
-@pytest.mark.parametrize("vector", [False, True])
+@pytest.mark.parametrize("vector", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_policies_of_a_task_without_an_end_are_ranked_by_the_reward_rate(tmp_path, vector):
     endless = stairs(ends=None, pays=2.0)
     env = gymnasium.vector.SyncVectorEnv([endless] * 2) if vector else endless

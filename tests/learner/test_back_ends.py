@@ -62,8 +62,9 @@ def test_gain_bias_and_policy_of_a_cycle(mode):
 TINY = Config(num_envs=2, num_steps=16, num_epochs=1, batch_size=32, policy_layers=(8,), value_layers=(8,))
 
 
-@pytest.mark.parametrize("terminates", [False, True])
-@pytest.mark.parametrize("mode", [AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP])
+@pytest.mark.parametrize(
+    ("mode", "terminates"), [(AutoresetMode.SAME_STEP, False), (AutoresetMode.NEXT_STEP, True)]
+)
 def test_a_rollout_holds_what_the_actor_saw_and_did(mode, terminates):
     config = Config(**(vars(SMALL) | {"num_envs": 3, "num_steps": 10, "batch_size": 30}))
     environments = make_environments(SyncVectorEnv([lambda: Stairs(terminates)] * 3, autoreset_mode=mode), 3)

@@ -30,7 +30,7 @@ from .references import DT, alone, exact, faults, numpy_run, policy, random_stat
 pytestmark = needs_gcc
 
 PARTS = ("estimator", "identifier", "regulator", "guard")
-QUICK = ((), ("guard",), PARTS)
+QUICK = (("guard",), PARTS)
 COMBINATIONS = [
     pytest.param("acrobot-told", parts, marks=[] if parts in QUICK else pytest.mark.slow, id="-".join(parts))
     for number in range(len(PARTS) + 1)
@@ -145,7 +145,10 @@ def test_a_compiler_that_honours_no_nan_hides_no_broken_measurement(tmp_path, na
     assert np.isnan(runs[0][:, policy(name).robot.joint]).any()
 
 
-@pytest.mark.parametrize("name", ["acrobot-sighted", "acrobot-told", "acrobot-ar-eapo"])
+@pytest.mark.parametrize(
+    "name",
+    ["acrobot-told", *(pytest.param(f"acrobot-{kind}", marks=pytest.mark.slow) for kind in ("sighted", "ar-eapo"))],
+)
 def test_in_single_precision_conversions_are_written_out(tmp_path, name):
     """A folded bias and all constants are double, the network is float; the tests above have it in double."""
     text = c_header(dataclasses.replace(policy(name), guard=default_guard(DT)))

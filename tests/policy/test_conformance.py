@@ -1,7 +1,8 @@
 """The conformance table: every back end, with every shipped policy, behind every sensor.
 
 A cell compares with the judge's JAX in double precision. Back ends that hold estimator and regulator replay a
-recorded loop as a whole where a policy has a memory; else the policy alone is asked, state by state.
+recorded loop as a whole where a policy has a memory; else the policy alone is asked, state by state. At the end:
+clocks of another origin, and scores.
 """
 
 import dataclasses
@@ -10,9 +11,13 @@ import functools
 import numpy as np
 import pytest
 
+import swingup
+from swingup.controllers.registry import get_controller
 from swingup.dynamics.dynamics import UPRIGHT
 from swingup.plant.base_parameters import base_parameters
 from swingup.policy.numpy_backend import numpy_controller
+from swingup.policy.shipped import ADAPTIVE, AR_EAPO
+from swingup.runtime import load_controller
 
 from . import references
 from .backends import BACK_ENDS
@@ -247,3 +252,32 @@ def test_graphs_take_batches_of_any_size(made):
     single = [found.alone(x[None])[0] for x in states]
     np.testing.assert_allclose(single, found.alone(states), rtol=0, atol=references.TOLERANCE)
     assert found.alone(states[:0]).shape == (0,)
+
+
+BINARY = 2.0**-9
+"""A period near 2 ms (s). It has few digits: times with and without the shift differ by it to the last bit."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ADAPTIVES)
+def test_clocks_that_count_from_an_epoch(name, tmp_path):
+    """In NumPy and C; a period that the clock rounds, by 1e-4 s at most, is rounded alike for both."""
+    times, states, expected = numpy_run(name, BINARY)
+    given = within(name, expected)
+    numpys, cs = (BACK_ENDS[each].make(policy(name), tmp_path) for each in ("numpy", "c"))
+    torques = cs.run(times, states, given)
+    for epoch in (1e9, 1.76e9, 2.0**32, 1.76e12, -1e9):
+        np.testing.assert_array_equal(numpy_run(name, BINARY, epoch)[2], expected)
+        np.testing.assert_array_equal(cs.run(times + epoch, states, given), torques)
+        rounded = (DT * np.arange(len(times)) + epoch, states, given)
+        np.testing.assert_allclose(cs.run(*rounded), numpys.run(*rounded), rtol=0, atol=1e-6)
+
+
+@pytest.mark.slow  # JAX compiles identifier and regulator for seconds
+@pytest.mark.parametrize(("policy", "within"), [(ADAPTIVE, 1e-2), (AR_EAPO, 1e-4)])
+def test_scores(either_robot, policy, within):
+    name = either_robot.name
+    score = swingup.judge(get_controller(policy, name), name).criteria.score
+    assert score > ({"acrobot": 0.699, "pendubot": 0.694}[name] if policy == ADAPTIVE else 0.3)
+    in_numpy = swingup.judge(load_controller(policy, name), name).criteria.score
+    assert in_numpy == pytest.approx(score, abs=within)

@@ -193,7 +193,7 @@ def spoilt(step, q):
 @pytest.mark.parametrize(
     "given",
     [
-        {"change": quantised, "late": 1, "told": 3, "break_at": 400},
+        pytest.param({"change": quantised, "late": 1, "told": 3, "break_at": 400}, marks=pytest.mark.slow),
         {"change": spoilt, "late": 1, "told": 1, "settings": LOADED},
         {"change": spoilt, "told": np.arange(STEPS) // 150 % 4, "break_at": 400, "periods": UNEVEN},
     ],
