@@ -22,6 +22,7 @@ from swingup.areapo.config import HYPERPARAMETERS
 from swingup.benchmark.boards import BOARDS
 from swingup.cli import commands, judging, main
 from swingup.controllers.baselines.baselines import Design, shipped_reference
+from swingup.identification import excitation
 from swingup.policy.shipped import shipped_file
 from swingup.report.page import make_section
 
