@@ -26,22 +26,15 @@ Vector = Float[np.ndarray, "n"]
 class ContinuingTask:
     """What a continuing task changes in a task of Gymnasium's."""
 
-    base: str
-    """Gymnasium's id."""
-    arguments: Mapping[str, Any] = field(default_factory=dict)
-    """What the base task is made with."""
-    resets: bool = False
-    """Whether the task has resets: predefined ones, or chosen by the policy."""
-    last_reward: float = 0.0
-    """What v4 pays for health in the step of a fall, and v5 does not."""
+    base: str  # Gymnasium's id
+    arguments: Mapping[str, Any] = field(default_factory=dict)  # What the base task is made with
+    resets: bool = False  # Whether the task has resets: predefined ones, or chosen by the policy
+    last_reward: float = 0.0  # What v4 pays for health in the step of a fall, and v5 does not
     fell: Callable[[Any], bool] = lambda env: False
     """Whether the body fell, where the base task does not say so."""
-    prepare: Callable[[Any], None] = lambda env: None
-    """Changes the base task's model."""
-    observe: Callable[[Vector], Vector] = lambda observation: observation
-    """Changes observations."""
-    move_every: int = 0
-    """Steps after which ``move`` places something anew; 0: never."""
+    prepare: Callable[[Any], None] = lambda env: None  # Changes the base task's model
+    observe: Callable[[Vector], Vector] = lambda observation: observation  # Changes observations
+    move_every: int = 0  # Steps after which move places something anew; 0: never
     move: Callable[[Any, np.random.Generator], None] = lambda env, draws: None
 
 

@@ -18,12 +18,9 @@ Reals: TypeAlias = Sequence[float] | np.ndarray
 
 SUPERSAMPLING = 4
 """The picture is drawn this many times larger in each direction, then averaged: edges become smooth."""
-MARGIN = 1.15
-"""Half the width of the picture in units of l1 + l2."""
-GOAL_HEIGHT = 0.9
-"""Height of the goal line above the shoulder in units of l1 + l2."""
-FULL_ARC = 150.0
-"""Length of the arrow that stands for the torque limit (degrees)."""
+MARGIN = 1.15  # Half the width of the picture in units of l1 + l2
+GOAL_HEIGHT = 0.9  # Height of the goal line above the shoulder in units of l1 + l2
+FULL_ARC = 150.0  # Length of the arrow that stands for the torque limit (degrees)
 PAPER, GUIDE, BASE, GREEN = "#fbfaf7", "#dedad2", "#8b8780", "#4f9d69"
 LINK_1, LINK_2, DRIVEN = "#1f3b57", "#3f7cac", "#e4572e"
 

@@ -35,12 +35,9 @@ RENDER_MODES = ["rgb_array"]
 class Episode(eqx.Module):
     """The state of one environment between steps."""
 
-    state: PendulumState
-    """State of the task."""
-    action: Action
-    """The last action, 0 after a reset."""
-    key: Key
-    """The key of all later draws."""
+    state: PendulumState  # State of the task
+    action: Action  # The last action, 0 after a reset
+    key: Key  # The key of all later draws
 
 
 class Pendulums:
@@ -48,8 +45,7 @@ class Pendulums:
 
     metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 100}  # noqa: RUF012 (as gymnasium has it)
     task: AnyPendulumTask
-    np_random: Any
-    """Gymnasium's generator, from which the first key comes without a seed."""
+    np_random: Any  # Gymnasium's generator, from which the first key comes without a seed
     _count = 1
     _episodes: Episode | None = None
 

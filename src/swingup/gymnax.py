@@ -25,10 +25,8 @@ NO_LIMIT = 2**31 - 1
 class PendulumParams(eqx.Module):
     """Parameters of an environment: the numbers of its task, and its time limit."""
 
-    task: AbstractPendulumTask
-    """The task: plant, reward, time step, noise."""
-    max_steps_in_episode: int | Count
-    """Steps after which an episode is truncated."""
+    task: AbstractPendulumTask  # The task: plant, reward, time step, noise
+    max_steps_in_episode: int | Count  # Steps after which an episode is truncated
 
     def replace(self, **changes: Any) -> "PendulumParams":
         """Parameters with other values: ``params.replace(max_steps_in_episode=300)``."""
@@ -38,12 +36,10 @@ class PendulumParams(eqx.Module):
 class PendulumEnvState(eqx.Module):
     """State of an environment."""
 
-    inner: Any
-    """State of the task."""
+    inner: Any  # State of the task
     truncated: Flag
     """Whether the task truncated itself in the last step: at random, or because the integrator diverged."""
-    time: Count
-    """Steps since the last reset."""
+    time: Count  # Steps since the last reset
 
 
 class Box(eqx.Module):

@@ -19,8 +19,7 @@ from ..common.errors import SwingupError
 from ..common.types import Key
 from ..policy.network import FLOAT32_SUM_WIDTH, TANH, Activation, Bounds
 
-LOG_STD_RANGE = (-20.0, 2.0)
-"""Range to which log σ is clamped (authors' code)."""
+LOG_STD_RANGE = (-20.0, 2.0)  # Range to which log σ is clamped (authors' code)
 STD_OUTPUT_RANGE = tuple(math.log(math.expm1(math.exp(bound))) for bound in LOG_STD_RANGE)
 """The same for the output of which σ is the softplus: finite where log σ is not."""
 ACTIVATIONS: dict[Activation, Callable[[Array], Array]] = {
@@ -68,8 +67,7 @@ class Categoricals(eqx.Module):
     logits: Float[Array, "k *batch"]
     """Unnormalised log probabilities of all alternatives, one action's after the other's; k = sum(choices)."""
     # Static, since slices of the logits need sizes that are known when they are compiled.
-    choices: tuple[int, ...] = eqx.field(static=True)
-    """Number of alternatives of each action."""
+    choices: tuple[int, ...] = eqx.field(static=True)  # Number of alternatives of each action
 
     def _each(self, values: Float[Array, "k *batch"]) -> list[Float[Array, "n *batch"]]:
         """The values of each action's alternatives in turn."""
@@ -152,8 +150,7 @@ class CategoricalActor(AbstractNetwork):
     """π(a|s) of discrete actions: a categorical distribution for each of them."""
 
     logits_head: Linear
-    choices: tuple[int, ...] = eqx.field(static=True)
-    """Number of alternatives of each action."""
+    choices: tuple[int, ...] = eqx.field(static=True)  # Number of alternatives of each action
 
     def __call__(self, observation: Float[Array, "n *batch"]) -> Categoricals:
         """Distribution of the actions."""
@@ -192,8 +189,7 @@ class ActionSample(eqx.Module):
 
     latents: Shaped[Array, "envs m"]
     log_probs: Float[Array, "envs"]
-    actions: Shaped[Array, "envs m"]
-    """In [-1, 1], or integers if they are discrete."""
+    actions: Shaped[Array, "envs m"]  # In [-1, 1], or integers if they are discrete
 
 
 def sample_actions(

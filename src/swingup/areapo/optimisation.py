@@ -11,14 +11,10 @@ from jaxtyping import Array, Int
 from ..common.types import Count, Key, Scalar
 from .config import Config
 
-ADAM_EPSILON = 1e-5
-"""Adam's ε (authors' code)."""
-FINAL_LAMBDA = 0.9
-"""λ at the end of the schedule ``anneal_lambda``, when the critic is trained."""
-WORD_BITS = 32
-"""Bits of each number that is sorted for a random order."""
-MIN_RANDOM_BITS = 12
-"""Random bits of each such number that shuffle well enough."""
+ADAM_EPSILON = 1e-5  # Adam's ε (authors' code)
+FINAL_LAMBDA = 0.9  # λ at the end of the schedule anneal_lambda, when the critic is trained
+WORD_BITS = 32  # Bits of each number that is sorted for a random order
+MIN_RANDOM_BITS = 12  # Random bits of each such number that shuffle well enough
 
 
 def make_optimiser(config: Config, scale: Scalar | float = 1.0) -> optax.GradientTransformation:

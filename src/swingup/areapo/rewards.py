@@ -19,8 +19,7 @@ from .networks import Critic
 from .state import LearnerState, Rollout, reward_unit, termination_rate
 from .statistics import deviation, mean
 
-TERMINATION_TARGET = 1e-3
-"""f*: target of the adaptive cost, in terminations a step (RVI-SAC, arXiv 2408.01972)."""
+TERMINATION_TARGET = 1e-3  # f*: target of the adaptive cost, in terminations a step (RVI-SAC, arXiv 2408.01972)
 COST_STEP = 1.5
 """η_c: increase of the adaptive cost for each termination above the target (standard deviations of the reward)."""
 BOOTSTRAP_SIZE = 64

@@ -80,16 +80,11 @@ class Rollout(eqx.Module):
 class Frames(eqx.Module):
     """Frames to learn from; every leaf has the same leading axes."""
 
-    observations: Float[Array, "*b n"]
-    """Normalised with the statistics of their time."""
-    latents: Shaped[Array, "*b m"]
-    """Samples, before tanh if they are continuous."""
-    log_probs: Float[Array, "*b"]
-    """log π(a|s) under the policy that drew them."""
-    advantages: Float[Array, "*b"]
-    """Soft advantages A + A_H."""
-    returns: Float[Array, "*b 2"]
-    """λ-returns of both objectives: the critic's targets."""
+    observations: Float[Array, "*b n"]  # Normalised with the statistics of their time
+    latents: Shaped[Array, "*b m"]  # Samples, before tanh if they are continuous
+    log_probs: Float[Array, "*b"]  # log π(a|s) under the policy that drew them
+    advantages: Float[Array, "*b"]  # Soft advantages A + A_H
+    returns: Float[Array, "*b 2"]  # λ-returns of both objectives: the critic's targets
     weights: Float[Array, "*b"] | None = None
     """1 for a frame that counts, 0 for one that does not; None: all count."""
 
@@ -129,26 +124,17 @@ class LossMetrics(eqx.Module):
 class Metrics(eqx.Module):
     """Means over the frames of an iteration."""
 
-    reward: Scalar
-    """Reward of a step."""
-    entropy: Scalar
-    """-log π of the sampled actions (nats)."""
-    gain: Scalar
-    """ρ after its update."""
-    entropy_gain: Scalar
-    """ρ_H after its update, in units of the reward."""
-    value: Scalar
-    """Mean of v before any centring."""
-    entropy_value: Scalar
-    """Mean of v_H before any centring."""
-    gradient_norm: Scalar
-    """Joint norm before clipping."""
-    termination_rate: Scalar
-    """Terminations a step: resets of the task itself."""
+    reward: Scalar  # Reward of a step
+    entropy: Scalar  # -log π of the sampled actions (nats)
+    gain: Scalar  # ρ after its update
+    entropy_gain: Scalar  # ρ_H after its update, in units of the reward
+    value: Scalar  # Mean of v before any centring
+    entropy_value: Scalar  # Mean of v_H before any centring
+    gradient_norm: Scalar  # Joint norm before clipping
+    termination_rate: Scalar  # Terminations a step: resets of the task itself
     truncation_rate: Scalar
     """Truncations a step, not counting steps that also terminate: the task would continue."""
-    reset_cost: Scalar
-    """Cost of a termination, if it has one (units of the reward)."""
+    reset_cost: Scalar  # Cost of a termination, if it has one (units of the reward)
     losses: LossMetrics
 
     def as_dict(self) -> dict[str, float]:

@@ -18,10 +18,8 @@ Weights = Float[Array, "*frames"] | None
 
 Axes = int | tuple[int, ...] | None
 
-OBSERVATION_CLIP = 10.0
-"""Normalised observations are clipped to ± this (authors' code)."""
-OBSERVATION_EPSILON = 1e-18
-"""Added to the variance: observations that vary by less than 1e-9 count as constant."""
+OBSERVATION_CLIP = 10.0  # Normalised observations are clipped to ± this (authors' code)
+OBSERVATION_EPSILON = 1e-18  # Added to the variance: observations that vary by less than 1e-9 count as constant
 
 
 def mean(values: Float[Array, "..."], weights: Weights = None, axis: Axes = None) -> Float[Array, "..."]:

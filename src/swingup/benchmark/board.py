@@ -19,12 +19,10 @@ class Setting:
     """What a controller is judged on."""
 
     robot: Robot
-    plant: Plant
-    """The plant of all runs, or the one that controllers in the domain are designed for."""
+    plant: Plant  # The plant of all runs, or the one that controllers in the domain are designed for
     domain: Domain | None = None
     """Plants and loops are drawn from it; None for the plant in the board's own loop."""
-    disturbance: DisturbanceSettings | None = None
-    """What disturbs the board's perfect loop, if anything."""
+    disturbance: DisturbanceSettings | None = None  # What disturbs the board's perfect loop, if anything
 
     @property
     def nominal(self) -> Plant:
@@ -39,10 +37,8 @@ class Case:
     scenario: Scenario
     settings: Mapping[str, Any] = field(default_factory=dict)
     """The seed where the case has one, and what is changed; ready for JSON."""
-    criterion: str | None = None
-    """Criterion that the run belongs to, on a board with several."""
-    group: int = 0
-    """Cases of one group are repetitions: the group counts if more than half of them succeed."""
+    criterion: str | None = None  # Criterion that the run belongs to, on a board with several
+    group: int = 0  # Cases of one group are repetitions: the group counts if more than half of them succeed
 
 
 @dataclass(frozen=True)
@@ -74,14 +70,10 @@ early, by a guard for instance."""
 class TipHistory:
     """The height of the tip during a run, and the reason of a failure."""
 
-    highest: float
-    """Largest height above the shoulder (m)."""
-    reach: float
-    """l1 + l2 (m)."""
-    failure: str | None
-    """Why the run failed; None if it succeeded."""
-    cause: str | None = None
-    """The kind of failure, one of ``CAUSES``."""
+    highest: float  # Largest height above the shoulder (m)
+    reach: float  # l1 + l2 (m)
+    failure: str | None  # Why the run failed; None if it succeeded
+    cause: str | None = None  # The kind of failure, one of CAUSES
 
     @property
     def percent(self) -> float:

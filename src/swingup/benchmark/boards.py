@@ -18,11 +18,9 @@ PERFORMANCE = SwingUpBoard(name="performance", normalisers=Normalisers(20.0, 60.
 HARDWARE = SwingUpBoard(name="hardware", normalisers=Normalisers(20.0, 60.0, 100.0, 4.0, 400.0))
 """The normalisers of that year's real robot, on the simulation's plant."""
 
-ROBUSTNESS = RobustnessBoard(name="robustness")
-"""The robustness leaderboard of IROS 2024."""
+ROBUSTNESS = RobustnessBoard(name="robustness")  # The robustness leaderboard of IROS 2024
 
-UPTIME = UptimeBoard(name="uptime", perfect=True)
-"""The global-policy leaderboard of ICRA 2025 in simulation."""
+UPTIME = UptimeBoard(name="uptime", perfect=True)  # The global-policy leaderboard of ICRA 2025 in simulation
 
 ROBOT_LIMITS = Limits(angle=4 * math.pi, speed=20.0)
 """Beyond these the real robot stops. Source: the AI Olympics' loop on the robot."""

@@ -10,10 +10,8 @@ from ..common.errors import SwingupError
 from ..loop.disturbance import Disturbance, Pushes, undisturbed
 from ..plant.units import TIME, TORQUE, VELOCITY
 
-MAX_DISTURBANCE = 999.0
-"""No disturbance of a pendulum comes near this, in SI units."""
-MAX_DELAY_STEPS = 1000
-"""Steps; more past than this is refused."""
+MAX_DISTURBANCE = 999.0  # No disturbance of a pendulum comes near this, in SI units
+MAX_DELAY_STEPS = 1000  # Steps; more past than this is refused
 
 
 @dataclasses.dataclass(frozen=True)

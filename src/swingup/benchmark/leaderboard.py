@@ -25,17 +25,14 @@ from .uptime_board import UptimeBoard
 OURS = "ours"
 ON_ROBOT = "robot"
 
-ENTRANTS = (AR_EAPO, "tvlqr", "ilqr-riccati", "ilqr-mpc")
-"""The paper's controllers, by our names."""
+ENTRANTS = (AR_EAPO, "tvlqr", "ilqr-riccati", "ilqr-mpc")  # The paper's controllers, by our names
 FURTHER_ENTRANTS = (ADAPTIVE, "tvlqr-score")
 """Further controllers of ours that enter every board beside the paper's."""
-THROW_ENTRANTS = (GLOBAL,)
-"""Those that enter only the boards with throws."""
+THROW_ENTRANTS = (GLOBAL,)  # Those that enter only the boards with throws
 WITHOUT_ESTIMATOR = " --no-estimator"
 """Ends the name of a shipped policy that enters a second time, without its estimator."""
 
-DEFAULT_BOARDS = ("performance", "robustness")
-"""The boards of IROS 2024 in simulation, which the paper has."""
+DEFAULT_BOARDS = ("performance", "robustness")  # The boards of IROS 2024 in simulation, which the paper has
 SHIPPED_ROBUSTNESS = ("ilqr-mpc",)
 """Controllers whose robustness takes many minutes: the package ships the output of the command."""
 

@@ -26,12 +26,9 @@ from .plausibility import HANGING_TOLERANCE
 from .recording import driven_robot
 from .rollout import Trajectory
 
-MAX_PLANTS = 4
-"""Maximum number of plants: readers can tell four colours apart."""
-DRAWN_LENGTH = 0.5
-"""Length of the predictions that are drawn (s)."""
-MAX_RUN_DURATION = 120.0
-"""Maximum duration of a simulated run (s)."""
+MAX_PLANTS = 4  # Maximum number of plants: readers can tell four colours apart
+DRAWN_LENGTH = 0.5  # Length of the predictions that are drawn (s)
+MAX_RUN_DURATION = 120.0  # Maximum duration of a simulated run (s)
 
 
 @dataclass(frozen=True)
@@ -55,10 +52,8 @@ class Comparison:
 
     recording: Recording
     predictions: Sequence[OpenLoop]
-    drawn: Sequence[Segments]
-    """For each plant predictions of 0.5 s, one after another."""
-    runs: Mapping[str, ClosedLoop]
-    """By plant; empty without a controller."""
+    drawn: Sequence[Segments]  # For each plant predictions of 0.5 s, one after another
+    runs: Mapping[str, ClosedLoop]  # By plant; empty without a controller
 
     @property
     def notes(self) -> list[str]:

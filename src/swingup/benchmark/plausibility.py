@@ -58,8 +58,7 @@ class Finding:
 
     name: str
     text: str
-    refuses: bool = False
-    """The recording gets no score; otherwise this is a warning."""
+    refuses: bool = False  # The recording gets no score; otherwise this is a warning
 
 
 def examine(

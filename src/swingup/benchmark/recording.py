@@ -21,14 +21,11 @@ from .rollout import Trajectory
 MAX_START = 0.2
 """A run's first time is within this of 0 (s): six periods of the slowest recordings, which have 33 Hz."""
 
-MIN_PERIOD = 1e-6
-"""A period below this (s) is not measured in seconds."""
+MIN_PERIOD = 1e-6  # A period below this (s) is not measured in seconds
 
-DOMINANT_RATIO = 3.0
-"""A joint whose largest torque is this many times the other's is the driven one."""
+DOMINANT_RATIO = 3.0  # A joint whose largest torque is this many times the other's is the driven one
 
-MIN_ROWS = 3
-"""Rows of which costs can be summed."""
+MIN_ROWS = 3  # Rows of which costs can be summed
 
 # Measured columns first: the leaderboards score these.
 _GROUPS = (

@@ -20,8 +20,7 @@ from .disturbances import PushRules, draw_pushes, floored_delay_steps
 from .rollout import Scenario, Trajectory
 from .values import mean_interval
 
-MAX_CASES = 10_000
-"""Simulations of one criterion; more are refused."""
+MAX_CASES = 10_000  # Simulations of one criterion; more are refused
 
 
 @dataclass(frozen=True)
@@ -49,8 +48,7 @@ class ModelSweep:
     parameter: str
     """Field of :class:`~swingup.plant.plant.Plant` that changes."""
     sweep: Sweep
-    relative: bool = False
-    """The values are factors on the nominal one; otherwise they are added to it."""
+    relative: bool = False  # The values are factors on the nominal one; otherwise they are added to it
     mass: str | None = None
     """If given, the sweep is of the product of this mass and the parameter: m1 r1 or m2 r2."""
 
@@ -87,11 +85,9 @@ MODEL_SWEEPS = {
 SWEPT_CRITERIA = ("velocity_noise", "torque_noise", "torque_response", "delay")
 """Criteria that sweep one number of the disturbance (rad/s, N m, -, s)."""
 
-CRITERIA = ("model", *SWEPT_CRITERIA, "perturbations")
-"""The six criteria of the robustness score."""
+CRITERIA = ("model", *SWEPT_CRITERIA, "perturbations")  # The six criteria of the robustness score
 
-RANDOM_CRITERIA = ("velocity_noise", "torque_noise", "perturbations")
-"""Criteria that depend on the seed."""
+RANDOM_CRITERIA = ("velocity_noise", "torque_noise", "perturbations")  # Criteria that depend on the seed
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -35,8 +35,7 @@ from ..loop.loop import LOOP_DT
 from ..loop.supervisors import AbstractSupervisor, Intervention, no_intervention
 from ..plant.plant import Plant
 
-Rows: TypeAlias = Any
-"""An array of JAX, or one of NumPy when the run is over."""
+Rows: TypeAlias = Any  # An array of JAX, or one of NumPy when the run is over
 
 
 class Record(eqx.Module):
@@ -85,10 +84,8 @@ class LoopState(eqx.Module):
     """State of the closed loop, without the controller's, between two steps."""
 
     x: State
-    u: Torque
-    """The torques that acted in the step before (N m)."""
-    motors: Torque
-    """The motors' own torques, which their next ones start from (N m)."""
+    u: Torque  # The torques that acted in the step before (N m)
+    motors: Torque  # The motors' own torques, which their next ones start from (N m)
     past: Past
     torque_noise: Torque
     """Noise on the torques of the step measured last (N m), drawn together with the measurement's noise."""
@@ -102,14 +99,10 @@ class LoopState(eqx.Module):
 class SimulatedBatch:
     """Simulations side by side; NumPy arrays in float64."""
 
-    final: np.ndarray
-    """States after the last step, shape (n, 4)."""
-    faults: list[str | None]
-    """What was wrong with each controller's answers, if anything."""
-    trajectory: Trajectory | None
-    """With a leading axis; None if it was not to be kept."""
-    call_time: float | None = None
-    """Median wall time of the first calls of a controller in plain Python (s)."""
+    final: np.ndarray  # States after the last step, shape (n, 4)
+    faults: list[str | None]  # What was wrong with each controller's answers, if anything
+    trajectory: Trajectory | None  # With a leading axis; None if it was not to be kept
+    call_time: float | None = None  # Median wall time of the first calls of a controller in plain Python (s)
 
 
 def initial_loop(scenario: Scenario, x0: State, depth: int = 1, dt: float = LOOP_DT) -> LoopState:

@@ -46,20 +46,15 @@ from .rollout import (
 
 TreeT = TypeVar("TreeT")
 
-Progress: TypeAlias = Callable[[int, int], None]
-"""Called with the number of finished simulations, and of all."""
+Progress: TypeAlias = Callable[[int, int], None]  # Called with the number of finished simulations, and of all
 
 StageProgress: TypeAlias = Callable[[str, int, int], None]
 """Called with what is computed, as a table's row, how much of it is done, and of how much."""
 
-SIDE_BY_SIDE = 64
-"""Copies of a controller in plain Python that exist at a time."""
-MIN_BATCH = 32
-"""Scenarios side by side that keep a core busy with more than calling compiled loops."""
-TIMED_STEPS = 52
-"""Steps after which the time of a whole batch in plain Python is estimated."""
-TIMED_CALLS = 1000
-"""Calls that are timed: the first ones, in which a controller that plans has most to do."""
+SIDE_BY_SIDE = 64  # Copies of a controller in plain Python that exist at a time
+MIN_BATCH = 32  # Scenarios side by side that keep a core busy with more than calling compiled loops
+TIMED_STEPS = 52  # Steps after which the time of a whole batch in plain Python is estimated
+TIMED_CALLS = 1000  # Calls that are timed: the first ones, in which a controller that plans has most to do
 
 _LOGGER = logging.getLogger(__name__)
 

@@ -23,12 +23,10 @@ from .disturbances import PushRules, draw_pushes
 from .rollout import Scenario, Trajectory
 from .values import PERFORMANCE
 
-PUSH_SEED = 2024
-"""The pushes are the same for every controller and every seed of the plants."""
+PUSH_SEED = 2024  # The pushes are the same for every controller and every seed of the plants
 
 # The benchmark's own limit: a file whose last time is below it fails.
-MIN_SPAN = 0.99
-"""Part of the rules' duration that a run must span to score."""
+MIN_SPAN = 0.99  # Part of the rules' duration that a run must span to score
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,9 @@ class Column:
     """One criterion or score."""
 
     label: str
-    heading: str
-    """The label in short lines, for narrow tables."""
-    unit: str
-    """As the paper prints it; none for scores."""
-    form: str
-    """Format of its numbers."""
+    heading: str  # The label in short lines, for narrow tables
+    unit: str  # As the paper prints it; none for scores
+    form: str  # Format of its numbers
 
     @property
     def title(self) -> str:

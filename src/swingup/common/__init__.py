@@ -2,8 +2,7 @@
 
 import os
 
-__version__ = "0.1.0"
-"""pyproject.toml and CITATION.cff name the same, which a test holds."""
+__version__ = "0.1.0"  # pyproject.toml and CITATION.cff name the same, which a test holds
 
 
 def cores() -> int:

@@ -56,12 +56,9 @@ SHORT = {long: short for short, long in SHORT_NAMES.items() if short != "t"}
 class MappedColumn:
     """One column in terms of a file's."""
 
-    terms: tuple[tuple[float, str], ...]
-    """Factors, mostly signs, and titles; "#3" is the third column."""
-    constant: float = 0.0
-    """What is added, in the unit."""
-    unit: str = ""
-    """The unit as the user wrote it; SI without one."""
+    terms: tuple[tuple[float, str], ...]  # Factors, mostly signs, and titles; "#3" is the third column
+    constant: float = 0.0  # What is added, in the unit
+    unit: str = ""  # The unit as the user wrote it; SI without one
 
     def word(self, name: str) -> str:
         """The word that maps a column to this one."""

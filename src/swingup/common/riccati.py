@@ -2,8 +2,7 @@
 
 import numpy as np
 
-DOUBLINGS = 50
-"""2^50 steps of the recursion: far more than any loop or filter needs to become steady."""
+DOUBLINGS = 50  # 2^50 steps of the recursion: far more than any loop or filter needs to become steady
 
 
 def solve_riccati(A: np.ndarray, G: np.ndarray, P: np.ndarray) -> np.ndarray:

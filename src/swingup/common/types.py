@@ -9,26 +9,19 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 State: TypeAlias = Float[Array, "4"]
 """x = [q1, q2, dq1, dq2]: shoulder from hanging down, elbow relative to link 1 (rad); rates (rad/s)."""
 
-Torque: TypeAlias = Float[Array, "2"]
-"""u = [u1, u2]: shoulder and elbow torque (N m)."""
+Torque: TypeAlias = Float[Array, "2"]  # u = [u1, u2]: shoulder and elbow torque (N m)
 
-Scalar: TypeAlias = Float[Array, ""]
-"""One real number."""
+Scalar: TypeAlias = Float[Array, ""]  # One real number
 
-Count: TypeAlias = Int[Array, ""]
-"""One whole number."""
+Count: TypeAlias = Int[Array, ""]  # One whole number
 
-Flag: TypeAlias = Bool[Array, ""]
-"""One truth value."""
+Flag: TypeAlias = Bool[Array, ""]  # One truth value
 
-Observation: TypeAlias = Float[Array, "n"]
-"""What a policy sees, before or after normalisation."""
+Observation: TypeAlias = Float[Array, "n"]  # What a policy sees, before or after normalisation
 
-Action: TypeAlias = Float[Array, "m"]
-"""What a policy does: each entry in [-1, 1]."""
+Action: TypeAlias = Float[Array, "m"]  # What a policy does: each entry in [-1, 1]
 
-Key: TypeAlias = PRNGKeyArray
-"""A JAX random key: split once into named keys, each used once."""
+Key: TypeAlias = PRNGKeyArray  # A JAX random key: split once into named keys, each used once
 
 
 def fetch(tree: Any) -> Any:

@@ -14,11 +14,9 @@ import yaml
 from .errors import LONGEST_QUOTE, SwingupError, naming, one_line, quoted
 from .files import read_bytes
 
-LARGEST_YAML = 100_000
-"""Bytes of a file; those of the package have less than 3,000."""
+LARGEST_YAML = 100_000  # Bytes of a file; those of the package have less than 3,000
 
-MAXIMUM_DEPTH = 10
-"""Levels of brackets; a range needs one, and keys that are ignored may hold a little more."""
+MAXIMUM_DEPTH = 10  # Levels of brackets; a range needs one, and keys that are ignored may hold a little more
 
 FLAT_MAP = "write one 'name: value' a line"
 

@@ -27,12 +27,9 @@ from .interface import (
     trial_states,
 )
 
-TIMED_CALLS = 100
-"""Calls that are timed."""
-MAX_TIMED_SECONDS = 0.5
-"""No more calls in plain Python are timed after this (s)."""
-ANNOUNCED_TIME = 120.0
-"""Simulations that take longer than this are announced (s)."""
+TIMED_CALLS = 100  # Calls that are timed
+MAX_TIMED_SECONDS = 0.5  # No more calls in plain Python are timed after this (s)
+ANNOUNCED_TIME = 120.0  # Simulations that take longer than this are announced (s)
 
 _LOGGER = logging.getLogger(__name__)
 

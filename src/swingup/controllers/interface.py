@@ -173,8 +173,7 @@ def _structure(memory: Any) -> tuple[Any, list[tuple[tuple[int, ...], Any]]]:
 
 TorqueFunction = Callable[[np.ndarray, float], Any]
 
-TRIAL_DT = 0.002
-"""Time between the calls of a trial (s)."""
+TRIAL_DT = 0.002  # Time between the calls of a trial (s)
 
 
 class PythonController:
@@ -274,8 +273,7 @@ def _by_keywords(call: Callable[..., Any]) -> TorqueFunction:
 class CompiledSource:
     """The torques of a controller, compiled when it is made and not in the loop."""
 
-    min_pause = 0.0
-    """The controller acts at each call (s)."""
+    min_pause = 0.0  # The controller acts at each call (s)
 
     def __init__(self, controller: AbstractController[Any]) -> None:
         """Compile one call in double precision, as the judge runs it."""

@@ -17,8 +17,7 @@ from .interface import AbstractController, PythonController
 from .stack.estimator import EstimatingController, with_estimator
 from .stack.policy import make_controller
 
-BUILT_IN = (*SHIPPED_POLICIES, *BASELINES)
-"""Names of the controllers that the package ships."""
+BUILT_IN = (*SHIPPED_POLICIES, *BASELINES)  # Names of the controllers that the package ships
 
 Controller = AbstractController[Any] | PythonController
 

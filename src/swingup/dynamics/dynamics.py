@@ -20,8 +20,7 @@ from .trigonometry import arctan, sine_cosine
 
 Angle = TypeVar("Angle", Array, np.ndarray)
 
-UPRIGHT = np.array([np.pi, 0.0, 0.0, 0.0])
-"""The goal g = [q1, q2, dq1, dq2] (rad, rad/s)."""
+UPRIGHT = np.array([np.pi, 0.0, 0.0, 0.0])  # The goal g = [q1, q2, dq1, dq2] (rad, rad/s)
 
 # Without the name, by which plants of equal structure would differ.
 jax.tree_util.register_dataclass(Plant, data_fields=NAMES, meta_fields=(), drop_fields=("name",))

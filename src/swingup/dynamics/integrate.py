@@ -34,8 +34,7 @@ CloudPendulum, and after twice that by 2e-3 rad/s. With five times their Coulomb
 and 0.2 rad/s. Measured on 200,000 random states and torques of each.
 """
 
-ELBOWS = 9
-"""Values of cos(q2) at which the mass matrix is looked at."""
+ELBOWS = 9  # Values of cos(q2) at which the mass matrix is looked at
 
 
 def friction_rate(parameters: Plant) -> float:

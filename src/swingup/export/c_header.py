@@ -30,8 +30,7 @@ from ..policy.pendulum import PendulumPolicy
 from ..policy.regulator import Loop as Regulator
 from .folder import NAME, check_export_name
 
-POLICY = resources.files("swingup") / "policy"
-"""Where the runtime's files are."""
+POLICY = resources.files("swingup") / "policy"  # Where the runtime's files are
 
 USAGE = """\
 /*
@@ -135,8 +134,7 @@ def _decimals(values: np.ndarray, suffix: str = "") -> str:
     return ", ".join(f"{np.format_float_scientific(value)}{suffix}" for value in values)
 
 
-Data = dict[str, int | float | str | np.ndarray]
-"""Numbers, texts and arrays by their names, without the prefix."""
+Data = dict[str, int | float | str | np.ndarray]  # Numbers, texts and arrays by their names, without the prefix
 
 
 SHARED_CONSTANTS = (

@@ -14,17 +14,14 @@ import numpy as np
 from ..policy.contract import LoopController
 from ..policy.guard import Fault
 
-WARM_UP = 20
-"""Calls before the first one: NumPy's own first calls take milliseconds."""
+WARM_UP = 20  # Calls before the first one: NumPy's own first calls take milliseconds
 
 
 class MotorState(Protocol):
     """What the client tells of one joint."""
 
-    position: float
-    """rad; 0 hangs down, and the elbow's counts from link 1."""
-    velocity: float
-    """rad/s"""
+    position: float  # rad; 0 hangs down, and the elbow's counts from link 1
+    velocity: float  # rad/s
 
 
 class CloudPendulumController:

@@ -17,8 +17,7 @@ from ..common.files import behind_links, write_atomically
 from ..policy.guard import GuardSettings, default_guard
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
 
-NAME = "swingup"
-"""Name of an export unless another one is given."""
+NAME = "swingup"  # Name of an export unless another one is given
 
 
 FORMS = {

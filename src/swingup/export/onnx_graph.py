@@ -17,8 +17,7 @@ from ..policy.network import FLOAT32_SUM_WIDTH, STATE, Layer, NormaliseStage, Pe
 from ..policy.pendulum import PendulumPolicy
 
 OPSET = 17
-IR_VERSION = 8
-"""What every ONNX Runtime since 1.12 reads."""
+IR_VERSION = 8  # What every ONNX Runtime since 1.12 reads
 
 
 def onnx_model(policy: PendulumPolicy) -> bytes:

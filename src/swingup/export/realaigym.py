@@ -21,12 +21,9 @@ from ..policy.contract import LoopController, four_numbers
 from ..policy.guard import Fault
 from ..policy.numpy_backend import NumpyPolicy
 
-SAVED_FILE = "controller_swingup.json"
-"""Where ``save`` writes."""
-KEPT_ENTRIES = 30_000
-"""Entries of a history that are always kept; at most twice as many are."""
-NO_TORQUES = np.zeros(2)
-"""Gravity compensation, of every call (N m)."""
+SAVED_FILE = "controller_swingup.json"  # Where save writes
+KEPT_ENTRIES = 30_000  # Entries of a history that are always kept; at most twice as many are
+NO_TORQUES = np.zeros(2)  # Gravity compensation, of every call (N m)
 
 
 class Filter:

@@ -184,33 +184,24 @@ STIFFNESS, DAMPING = 2.0, 0.5
 class ExcitationLimits:
     """What the robot may do."""
 
-    torque: tuple[float, float]
-    """Largest torque of each motor (N m); 0 on a joint that is not driven."""
-    speed: float
-    """Largest speed of either joint (rad/s)."""
-    angle: float
-    """Largest angle of either joint from hanging (rad)."""
+    torque: tuple[float, float]  # Largest torque of each motor (N m); 0 on a joint that is not driven
+    speed: float  # Largest speed of either joint (rad/s)
+    angle: float  # Largest angle of either joint from hanging (rad)
 
 
 @dataclass(frozen=True)
 class Excitation:
     """Torques, the motion they make in the middle of the prior, and the feedback around it."""
 
-    torque: Float[np.ndarray, "rows 2"]
-    """N m, rows ``PERIOD`` apart."""
-    state: Float[np.ndarray, "rows 4"]
-    """Motion of the plant in the middle of the prior (rad, rad/s)."""
+    torque: Float[np.ndarray, "rows 2"]  # N m, rows PERIOD apart
+    state: Float[np.ndarray, "rows 4"]  # Motion of the plant in the middle of the prior (rad, rad/s)
     feedback: Float[np.ndarray, "2 2"]
     """kp of both joints (N m/rad), kd of both (N m s/rad); 0 where the torques are played alone."""
     limits: ExcitationLimits
-    angle: float
-    """Largest angle over all checked plants (rad)."""
-    speed: float
-    """Largest speed over all checked plants (rad/s)."""
-    plants: int
-    """Number of checked plants."""
-    prior: str = ""
-    """Name of the domain that they were drawn from."""
+    angle: float  # Largest angle over all checked plants (rad)
+    speed: float  # Largest speed over all checked plants (rad/s)
+    plants: int  # Number of checked plants
+    prior: str = ""  # Name of the domain that they were drawn from
 
     @property
     def time(self) -> Float[np.ndarray, "rows"]:

@@ -130,8 +130,7 @@ MINIMUM_ROWS = 6  # rows with a measurement of their own that a smoother needs: 
 MINIMUM_POSITIONS = 20
 """Different pairs of angles that a log needs, for nine base parameters and four of the loop."""
 MAXIMUM_PERIOD = 0.1  # maximum median period (s): a pendulum moves too far between rows
-SLOW_PERIOD = 0.0315
-"""Median period (s) from which parameters are biased: those of C.1 by a quarter at 20 Hz."""
+SLOW_PERIOD = 0.0315  # Median period (s) from which parameters are biased: those of C.1 by a quarter at 20 Hz
 USUAL_PERIODS = (2e-4, 0.06)  # range of the loops' periods (s), which tells the unit of a time
 MINIMUM_MOTION = 2e-3  # minimum range of an angle (rad)
 SATURATED_SHARE = 0.25  # share of rows at the largest torque from which a motor counts as saturated

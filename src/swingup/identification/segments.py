@@ -73,12 +73,9 @@ BY_SEGMENT = ("log", "start", "states", "impulse")  # fields with an entry for e
 class Segments:
     """Segments of equal length, of one recording or several."""
 
-    log: Int[np.ndarray, "segments"]
-    """Which recording each segment comes from."""
-    start: Float[np.ndarray, "segments"]
-    """Start of each segment in its recording (s)."""
-    offsets: Float[np.ndarray, "points"]
-    """Times of the states after the start (s)."""
+    log: Int[np.ndarray, "segments"]  # Which recording each segment comes from
+    start: Float[np.ndarray, "segments"]  # Start of each segment in its recording (s)
+    offsets: Float[np.ndarray, "points"]  # Times of the states after the start (s)
     states: Float[np.ndarray, "segments points 4"]
     """[q1, q2, dq1, dq2] (rad, rad/s): smoothed, or predicted from the smoothed first one."""
     impulse: Float[np.ndarray, "segments grid 2"]

@@ -22,8 +22,7 @@ from .progress import TrainingReport
 from .run import Run, restore_run, resume_run, start_run
 from .run_settings import RunSettings, make_run_settings
 
-Callback = Callable[["AREAPO", TrainingReport], Any]
-"""Called after each chunk; returning False ends ``learn``."""
+Callback = Callable[["AREAPO", TrainingReport], Any]  # Called after each chunk; returning False ends learn
 
 
 class AREAPO:

@@ -20,8 +20,7 @@ from .metrics import Evaluation, TrainingMetrics, make_evaluation
 
 TreeT = TypeVar("TreeT")
 
-EPISODES = 10
-"""Episodes of an evaluation without a given number."""
+EPISODES = 10  # Episodes of an evaluation without a given number
 EPISODE_STEPS = 2000
 """Longest episode of an evaluation (steps), so that an endless task is scored, too.
 
@@ -32,12 +31,9 @@ No task of Gymnasium that these networks can see has a higher limit: BipedalWalk
 class AbstractEvaluator(abc.ABC):
     """Scores the policies of a task and writes their files."""
 
-    measure: str = "episodes"
-    """Name under which policy files keep their scores."""
-    default_episodes: int = EPISODES
-    """Episodes of an evaluation without a given number."""
-    stages: tuple[Stage, ...] = ()
-    """Observation stages before the normalisation."""
+    measure: str = "episodes"  # Name under which policy files keep their scores
+    default_episodes: int = EPISODES  # Episodes of an evaluation without a given number
+    stages: tuple[Stage, ...] = ()  # Observation stages before the normalisation
     observation_shape: tuple[int, ...]
     """Shape of the input of the first stage, or without stages of the normalisation."""
     actions: SpaceActions | None = None
@@ -60,8 +56,7 @@ class AbstractEvaluator(abc.ABC):
 class AbstractBackend(abc.ABC):
     """A task, compiled or stepped by the host, on which seeds train; the state of several has a leading axis."""
 
-    evaluator: AbstractEvaluator
-    """Scores and saves the policies."""
+    evaluator: AbstractEvaluator  # Scores and saves the policies
 
     @abc.abstractmethod
     def init(self) -> LearnerState:

@@ -40,14 +40,10 @@ _init = jax.jit(algorithm.init)
 _init_seeds = jax.jit(jax.vmap(algorithm.init, in_axes=(0, None, None)))
 _train = jax.jit(algorithm.train)
 
-COUNT_FLAG = "xla_force_host_platform_device_count"
-"""In XLA_FLAGS: how many devices a CPU shows."""
-AXIS = "seeds"
-"""Along which devices share the seeds."""
-CALL_WORK = 5e9
-"""Frames times weights of all seeds in a compiled call on a CPU: about a second of two cores."""
-RESETS_TRIED = 1024
-"""Resets that are inspected after training diverged."""
+COUNT_FLAG = "xla_force_host_platform_device_count"  # In XLA_FLAGS: how many devices a CPU shows
+AXIS = "seeds"  # Along which devices share the seeds
+CALL_WORK = 5e9  # Frames times weights of all seeds in a compiled call on a CPU: about a second of two cores
+RESETS_TRIED = 1024  # Resets that are inspected after training diverged
 
 
 class CompiledBackend(AbstractBackend):

@@ -32,28 +32,22 @@ MAKES_SENSE = (
 )
 
 RESET = ("observations", "infos")
-STEP = ("observations", "rewards", "terminated", "truncated", "infos")
-"""What Gymnasium's methods return."""
-PATIENCE = 60.0
-"""How long the workers of an ``AsyncVectorEnv`` may take for a step or a reset (s)."""
+STEP = ("observations", "rewards", "terminated", "truncated", "infos")  # What Gymnasium's methods return
+PATIENCE = 60.0  # How long the workers of an AsyncVectorEnv may take for a step or a reset (s)
 
-OWN_RESETS = "own_resets"
-"""Attribute of continuing tasks: the resets that they made themselves, without an end."""
+OWN_RESETS = "own_resets"  # Attribute of continuing tasks: the resets that they made themselves, without an end
 
 
 @dataclass(frozen=True)
 class HostStep:
     """The result of a step of all environments."""
 
-    following: Float32[np.ndarray, "envs n"]
-    """Observations to act on next."""
-    true_next: Float32[np.ndarray, "envs n"]
-    """Observations after the step and before any reset."""
+    following: Float32[np.ndarray, "envs n"]  # Observations to act on next
+    true_next: Float32[np.ndarray, "envs n"]  # Observations after the step and before any reset
     rewards: Float32[np.ndarray, "envs"]
     terminated: Bool[np.ndarray, "envs"]
     truncated: Bool[np.ndarray, "envs"]
-    counted: Bool[np.ndarray, "envs"]
-    """False where the environment did nothing but reset itself."""
+    counted: Bool[np.ndarray, "envs"]  # False where the environment did nothing but reset itself
 
     @property
     def ended(self) -> Bool[np.ndarray, "envs"]:

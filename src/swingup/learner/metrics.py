@@ -31,8 +31,7 @@ METRICS_FILE = "metrics.jsonl"
 REWARD_RATE, REWARD_PER_SECOND = "reward_rate", "reward_per_second"
 RESETS = "resets_per_1000_steps"
 
-MISSING = "–"
-"""Shown where a number was not recorded."""
+MISSING = "–"  # Shown where a number was not recorded
 
 
 @dataclass(frozen=True)
@@ -41,16 +40,12 @@ class Evaluation:
 
     score: float | None
     """Mean return, of a continuing task its reward rate, of a robot the RealAI score; None: no episode ended."""
-    mean_length: float | None = None
-    """Mean length of the episodes (steps)."""
-    reward_rate: float | None = None
-    """Mean reward of a step."""
-    resets_per_1000_steps: float | None = None
-    """Terminations of the task itself."""
+    mean_length: float | None = None  # Mean length of the episodes (steps)
+    reward_rate: float | None = None  # Mean reward of a step
+    resets_per_1000_steps: float | None = None  # Terminations of the task itself
     reward_per_second: float | None = None
     """Reward rate over the time of a step; None where a step has no known time."""
-    criteria: "Criteria | None" = None
-    """What a robot's swing-up is judged by, in place of all but the score."""
+    criteria: "Criteria | None" = None  # What a robot's swing-up is judged by, in place of all but the score
 
     def as_dict(self) -> dict[str, Any]:
         """The entries of policy files and rows."""
@@ -64,12 +59,10 @@ class Evaluation:
 class TrainingMetrics:
     """What one seed did in the iterations since the last report."""
 
-    means: "Metrics"
-    """Means over the iterations."""
+    means: "Metrics"  # Means over the iterations
     episode_return: float | None = None
     """Mean return of the episodes that ended where the host steps the environments; None where none ended."""
-    episode_length: float | None = None
-    """Their mean length (steps)."""
+    episode_length: float | None = None  # Their mean length (steps)
     counts_episodes: bool = False
     """Whether the host steps the environments, so that returns and lengths are recorded."""
 

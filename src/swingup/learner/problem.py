@@ -27,16 +27,14 @@ from .compiled_backend import CompiledBackend, ReturnEvaluator, SwingUpEvaluator
 from .metrics import Evaluation
 from .presets import ACROBOT_PRESET, ENV_PRESET, PENDULUM_PRESET, PRESETS, get_preset
 
-CONTINUING = "swingup/Continuing"
-"""Beginning of the ids of continuing tasks (:mod:`swingup.continuing`)."""
+CONTINUING = "swingup/Continuing"  # Beginning of the ids of continuing tasks (:mod:`swingup.continuing`)
 
 
 @dataclass(frozen=True)
 class Intervals:
     """How often a run is evaluated and saved, and how many episodes an evaluation has."""
 
-    evaluate_every: int = 65_536
-    """Frames of a seed between evaluations."""
+    evaluate_every: int = 65_536  # Frames of a seed between evaluations
     checkpoint_every: int = 262_144
     """Frames of a seed between checkpoints, at which the environments that the host steps are reset."""
     evaluation_episodes: int = 5
@@ -55,8 +53,7 @@ INTERVALS = {
 class AbstractProblem(abc.ABC):
     """A problem with its defaults, its names, its back end and its evaluation."""
 
-    name: str
-    """The robot, the id of an environment, or a description of an object that was passed in."""
+    name: str  # The robot, the id of an environment, or a description of an object that was passed in
 
     @property
     @abc.abstractmethod
@@ -128,8 +125,7 @@ class RobotProblem(AbstractProblem):
     """A robot's pendulum, judged by the benchmark's swing-up on its plant."""
 
     name: str
-    plant: Plant = LEADERBOARD
-    """The pendulum, in whose units the task is."""
+    plant: Plant = LEADERBOARD  # The pendulum, in whose units the task is
     task: AbstractPendulumTask | None = field(default=None, compare=False, repr=False)
     """A task in place of the preset's."""
 

@@ -22,13 +22,10 @@ UNRANKED: Rank = (False, -math.inf)
 class TrainingProgress:
     """The state of training after some iterations."""
 
-    state: LearnerState
-    """State of the learner; of several seeds, with a leading axis."""
-    best: tuple[Rank, ...]
-    """Rank of each seed's best policy."""
+    state: LearnerState  # State of the learner; of several seeds, with a leading axis
+    best: tuple[Rank, ...]  # Rank of each seed's best policy
     iterations: int = 0
-    seconds: float = 0.0
-    """Time spent so far, compilation and files included (s)."""
+    seconds: float = 0.0  # Time spent so far, compilation and files included (s)
 
     @property
     def best_seed(self) -> int:

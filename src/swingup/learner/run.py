@@ -29,8 +29,7 @@ from .progress import UNRANKED, TrainingProgress, TrainingReport, is_finite, ran
 from .run_folder import BEST, LAST, RunFolder, seed_file
 from .run_settings import RunSettings, read_run_settings, run_settings_from_dict, write_run_settings
 
-Snapshot = tuple[LearnerState, dict[str, Any]]
-"""The complete state, and the metadata of a checkpoint."""
+Snapshot = tuple[LearnerState, dict[str, Any]]  # The complete state, and the metadata of a checkpoint
 
 
 class Run:

@@ -19,11 +19,9 @@ from .run_settings import MALFORMED, RunSettings
 
 BEST, LAST = "best.safetensors", "last.safetensors"
 
-CHECKPOINTS_KEPT = 2
-"""The newest and one to go back to, if that is damaged."""
+CHECKPOINTS_KEPT = 2  # The newest and one to go back to, if that is damaged
 
-LOCK = ".lock"
-"""An empty file in the folder, which stays: removed, it could be locked twice."""
+LOCK = ".lock"  # An empty file in the folder, which stays: removed, it could be locked twice
 HELD = (errno.EAGAIN, errno.EACCES)
 """How the kernel says that another process holds a lock; the second, on some network file systems."""
 NO_LOCKS = (errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS)

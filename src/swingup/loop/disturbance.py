@@ -18,37 +18,27 @@ from ..common.types import Count, Key, Scalar, State, Torque
 from ..plant.equations import COULOMB_STEEPNESS
 from .loop import LONGEST_PERIOD, LOOP_DT, PERFECT_LOOP, Loop
 
-SHORTEST_LAG = 1e-9
-"""Shorter lags count as zero (s)."""
+SHORTEST_LAG = 1e-9  # Shorter lags count as zero (s)
 
 STRIBECK_RATE = 0.05
 """Rate at which static friction fades (rad/s). Chosen: joints break loose within a few encoder steps."""
 
-JointAngles = Float[Array, "2"]
-"""q1 and q2 (rad)."""
+JointAngles = Float[Array, "2"]  # q1 and q2 (rad)
 
 
 class Effects(NamedTuple):
     """Which effects a compiled loop has; the others would cost time in each step. The public benchmark has none."""
 
-    motors: bool = False
-    """Motors as the robot has them: with a rate limit, a ripple, and noise of their own."""
-    drive: bool = False
-    """Motors lag, or deliver another torque than the command."""
-    sensors: bool = False
-    """Angles have steps or offsets, or velocities are differences."""
+    motors: bool = False  # Motors as the robot has them: with a rate limit, a ripple, and noise of their own
+    drive: bool = False  # Motors lag, or deliver another torque than the command
+    sensors: bool = False  # Angles have steps or offsets, or velocities are differences
     differences: bool = False
     """Velocities are differences of measured angles; otherwise the motors' drivers know the true ones."""
-    late: bool = False
-    """Periods vary, or are not the boards'."""
-    loads: bool = False
-    """Springs, constant torques or static friction act on the joints."""
-    windup: bool = False
-    """The elbow's encoder does not follow its link."""
-    sag: bool = False
-    """Motors lose torque with velocity."""
-    gaps: bool = False
-    """Samples repeat, or are NaN."""
+    late: bool = False  # Periods vary, or are not the boards'
+    loads: bool = False  # Springs, constant torques or static friction act on the joints
+    windup: bool = False  # The elbow's encoder does not follow its link
+    sag: bool = False  # Motors lose torque with velocity
+    gaps: bool = False  # Samples repeat, or are NaN
 
 
 def measured_angles(loop: Loop, q: JointAngles) -> JointAngles:
@@ -132,10 +122,8 @@ def late_period(loop: Loop, uniform: Scalar, dt: float | Scalar) -> Scalar:
 class Times(eqx.Module):
     """The loop's own clock: the time now, and when the remembered states were measured."""
 
-    now: Scalar
-    """s"""
-    past: Float[Array, "depth"]
-    """Row k mod depth holds the time of step k (s), like the ring of states."""
+    now: Scalar  # s
+    past: Float[Array, "depth"]  # Row k mod depth holds the time of step k (s), like the ring of states
 
     def remember(self, step: Count) -> "Times":
         """With the present time in the row of this step."""

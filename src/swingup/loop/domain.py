@@ -18,8 +18,7 @@ from ..plant.plant import FRICTIONLESS_SUFFIX, NAMES, RANGE_REFUSED, Plant, vali
 from .disturbance import Effects
 from .loop import LONGEST_PERIOD, LOOP_DT, PERFECT_LOOP, VALUES, Loop
 
-MOTORS = ("tl1", "tl2")
-"""Torque limits of the plant's motors."""
+MOTORS = ("tl1", "tl2")  # Torque limits of the plant's motors
 
 TORQUE_LIMIT = "torque_limit"
 """A domain may give one limit for both motors; the loop's ``passive_limit`` replaces it on the passive joint."""

@@ -11,10 +11,8 @@ from .disturbance import Disturbance, Pushes
 from .domain import Domain, PlantInLoop
 from .loop import VALUES, Loop
 
-PUSH_WIDTH = 0.05
-"""Standard deviation of a push (s), the benchmark's shortest."""
-PUSH_TIME = 2.0
-"""The peak of an episode's push comes at most this long after its start (s)."""
+PUSH_WIDTH = 0.05  # Standard deviation of a push (s), the benchmark's shortest
+PUSH_TIME = 2.0  # The peak of an episode's push comes at most this long after its start (s)
 
 DRAWN_FIRST = (
     "r1", "m1", "r2", "I1", "I2", "Ir", "b1", "b2", "cf1", "cf2", "tl1", "passive_limit", "gain1", "gain2", "lag",

@@ -11,8 +11,7 @@ from ..common.settings import Range, notes
 from ..common.types import Scalar
 from ..plant.units import COMPLIANCE, DAMPING, TORQUE, TORQUE_RATE, VELOCITY
 
-LOOP_DT = 0.002
-"""Time of a step of loop and plant (s)."""
+LOOP_DT = 0.002  # Time of a step of loop and plant (s)
 
 LONGEST_PERIOD = 3.0
 """Nominal periods in the longest one. Chosen: longer ones come in some recordings, about once in 1,000 periods."""
@@ -104,5 +103,4 @@ class Loop:
 VALUES: dict[str, Range] = {each.name: bounds for each in dataclasses.fields(Loop) for bounds in notes(each, Range)}
 """Minimum and maximum of each number of a loop, by name."""
 
-PERFECT_LOOP = Loop()
-"""No delay, no noise, and motors that deliver their commands."""
+PERFECT_LOOP = Loop()  # No delay, no noise, and motors that deliver their commands

@@ -20,8 +20,7 @@ from ..plant.units import scaled, scales_of
 from .domain import MOTORS, TORQUE_LIMIT, Domain, PlantInLoop
 from .loop import VALUES, Loop
 
-NO_LOOP = "none"
-"""The name of a perfect loop among the names of domains."""
+NO_LOOP = "none"  # The name of a perfect loop among the names of domains
 PLANT_ALONE = "C.1"
 """The plant where neither a plant nor a domain is given: design C.1 as identified, in a perfect loop."""
 
@@ -38,8 +37,7 @@ SHIPPED_DOMAINS = (
 )
 """Domains that the package ships."""
 
-PLANT = tuple(name for name in NAMES if name not in MOTORS)
-"""Parameters of the plant but its motors' limits."""
+PLANT = tuple(name for name in NAMES if name not in MOTORS)  # Parameters of the plant but its motors' limits
 
 
 def resolve(

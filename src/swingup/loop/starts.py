@@ -20,12 +20,9 @@ from .supervisors import PID, ROBOT_THROW, ROBOT_THROWER, THROWER, WITHOUT_DERIV
 
 TURNS = ((0.1, 0.4, 0.4, 0.1), (0.1, 0.8, 0.1))
 """Chosen: probabilities of q1 = -3π, -π, π or 3π and of q2 = -2π, 0 or 2π upright before a throw."""
-PASSING = (0.4, 0.5, 2.5, 2.0)
-"""Standard deviations of states that pass over the top (rad, rad/s)."""
-LARGEST_COST_TO_GO = 1.0
-"""Largest cost-to-go of a regulator in a state near the top."""
-STILL = 0.7
-"""Largest angle of the upper link in a state of rest (rad)."""
+PASSING = (0.4, 0.5, 2.5, 2.0)  # Standard deviations of states that pass over the top (rad, rad/s)
+LARGEST_COST_TO_GO = 1.0  # Largest cost-to-go of a regulator in a state near the top
+STILL = 0.7  # Largest angle of the upper link in a state of rest (rad)
 EXCESS_ENERGY = 2.0
 """Largest energy of a winnable state above that of upright (J): a controller first has to brake more away."""
 
@@ -34,22 +31,14 @@ EXCESS_ENERGY = 2.0
 class Starts:
     """Weights of the kinds of states in which episodes begin; sizes are in C.1's units."""
 
-    thrown: float = 0.0
-    """After throws of the board of global policies."""
-    thrown_on_robot: float = 0.0
-    """After throws of that board's real robot, which are weaker and longer."""
-    anywhere: float = 0.0
-    """In any configuration, with velocities of all sizes."""
-    near_top: float = 0.0
-    """Near upright, where a regulator's cost-to-go is uniform up to ``LARGEST_COST_TO_GO``."""
-    passing: float = 0.0
-    """On the way over the top, normally distributed about upright with ``PASSING``."""
-    hanging: float = 0.0
-    """Normally distributed about hanging at rest."""
-    speed: float = 10.0
-    """Largest standard deviation of the velocities of ``anywhere`` (rad/s)."""
-    spread: float = 0.05
-    """Standard deviation of ``hanging`` (rad, rad/s)."""
+    thrown: float = 0.0  # After throws of the board of global policies
+    thrown_on_robot: float = 0.0  # After throws of that board's real robot, which are weaker and longer
+    anywhere: float = 0.0  # In any configuration, with velocities of all sizes
+    near_top: float = 0.0  # Near upright, where a regulator's cost-to-go is uniform up to LARGEST_COST_TO_GO
+    passing: float = 0.0  # On the way over the top, normally distributed about upright with PASSING
+    hanging: float = 0.0  # Normally distributed about hanging at rest
+    speed: float = 10.0  # Largest standard deviation of the velocities of anywhere (rad/s)
+    spread: float = 0.05  # Standard deviation of hanging (rad, rad/s)
 
     def counts(self, number: int) -> dict[str, int]:
         """How many of a number of states are of each kind, in the order in which the sampler returns them."""

@@ -26,14 +26,10 @@ Memory = TypeVar("Memory")
 class Intervention(eqx.Module):
     """What a supervisor does in one step."""
 
-    takes: Flag
-    """The supervisor drives both joints, and the controller is not called."""
-    torque: Torque
-    """The torques (N m) that replace the controller's then, before the motors' limits."""
-    push: Torque
-    """Torques (N m) that are added to the controller's in any case, before the motors' limits."""
-    stops: Flag
-    """The run is over: what follows is not scored."""
+    takes: Flag  # The supervisor drives both joints, and the controller is not called
+    torque: Torque  # The torques (N m) that replace the controller's then, before the motors' limits
+    push: Torque  # Torques (N m) that are added to the controller's in any case, before the motors' limits
+    stops: Flag  # The run is over: what follows is not scored
 
 
 def no_intervention(dtype: jnp.dtype) -> Intervention:
@@ -86,19 +82,15 @@ class Stop(AbstractSupervisor[Flag]):
         return stopped, Intervention(stopped, -BRAKE * x[2:], jnp.zeros_like(x[:2]), stopped)
 
 
-WITHOUT_DERIVATIVE = 2
-"""First calls of the run in which the PID takes its derivative for 0."""
+WITHOUT_DERIVATIVE = 2  # First calls of the run in which the PID takes its derivative for 0
 
 
 class Thrower(eqx.Module):
     """Gains of the PID that throws."""
 
-    kp: Annotated[float | Scalar, TORQUE] = 10.0
-    """N m/rad"""
-    ki: Annotated[float | Scalar, TORQUE_RATE] = 0.1
-    """N m/(rad s)"""
-    kd: Annotated[float | Scalar, DAMPING] = 1.0
-    """N m s/rad"""
+    kp: Annotated[float | Scalar, TORQUE] = 10.0  # N m/rad
+    ki: Annotated[float | Scalar, TORQUE_RATE] = 0.1  # N m/(rad s)
+    kd: Annotated[float | Scalar, DAMPING] = 1.0  # N m s/rad
     dt: float | Scalar = 0.001
     """The PID's period in its own formula (s); it is called every 0.002 s. It is real time for every pendulum."""
     limit: Annotated[float | Scalar, TORQUE] = 6.0
@@ -107,8 +99,7 @@ class Thrower(eqx.Module):
     """Limit of its proportional part alone (N m); None for none."""
 
 
-THROWER = Thrower()
-"""The simulation's."""
+THROWER = Thrower()  # The simulation's
 ROBOT_THROWER, ROBOT_THROW = Thrower(kp=2.0, ki=0.0, kd=0.3, proportional_limit=3.0), 1.0
 """The real robot's, and how long it throws (s). Source: ICRA 2025."""
 
@@ -133,13 +124,10 @@ class Throws(AbstractSupervisor[tuple[PID, Count]]):
     wrapped, its error sum and its last error continue from throw to throw, and its period is not the loop's.
     """
 
-    number: Int[Array | np.ndarray, "steps"]
-    """Number of the throw at each step, -1 between throws."""
-    target: Float[Array | np.ndarray, "throws 2"]
-    """Angles that each throw aims at (rad)."""
+    number: Int[Array | np.ndarray, "steps"]  # Number of the throw at each step, -1 between throws
+    target: Float[Array | np.ndarray, "throws 2"]  # Angles that each throw aims at (rad)
     thrower: Thrower
-    model: Plant
-    """The model with which the PID compensates gravity."""
+    model: Plant  # The model with which the PID compensates gravity
 
     def start(self, dtype: jnp.dtype) -> tuple[PID, Count]:
         """The PID and the number of the first step."""
@@ -196,20 +184,14 @@ class Resets(AbstractSupervisor[ResetMemory]):
     not from its end, and the PID's errors continue from reset to reset.
     """
 
-    plan: Float[Array | np.ndarray, "resets"]
-    """Planned times, in order (s)."""
-    target: Float[Array | np.ndarray, "goals 2"]
-    """Angles that one reset after another aims at (rad)."""
-    duration: float | Scalar
-    """A reset lasts longer than this (s)."""
+    plan: Float[Array | np.ndarray, "resets"]  # Planned times, in order (s)
+    target: Float[Array | np.ndarray, "goals 2"]  # Angles that one reset after another aims at (rad)
+    duration: float | Scalar  # A reset lasts longer than this (s)
     clean: int | Count
     """A reset ends only after this many samples in a row within the limits, the present one included."""
-    limits: Limits
-    """Beyond these a reset begins at once."""
-    thrower: Thrower
-    """The PID."""
-    model: Plant
-    """The model with which it compensates gravity."""
+    limits: Limits  # Beyond these a reset begins at once
+    thrower: Thrower  # The PID
+    model: Plant  # The model with which it compensates gravity
     stop: Stop
 
     def start(self, dtype: jnp.dtype) -> ResetMemory:
@@ -262,12 +244,9 @@ class CellSettings(eqx.Module):
 
     threshold: float | Scalar = 0.3
     """Both angles within this of the goal, or of a move's target, are there (rad)."""
-    at_goal: float | Scalar = 3.0
-    """Time at the goal before a disturbance that waits for it (s)."""
-    anywhere: float | Scalar = 0.2
-    """Time anywhere before one that does not (s)."""
-    kick: float | Scalar = 0.1
-    """Duration of a kick (s)."""
+    at_goal: float | Scalar = 3.0  # Time at the goal before a disturbance that waits for it (s)
+    anywhere: float | Scalar = 0.2  # Time anywhere before one that does not (s)
+    kick: float | Scalar = 0.1  # Duration of a kick (s)
     move_timeout: float | Scalar = 2.0
     """A move that has not reached its target ends after this time (s). Chosen."""
     settled_speed: float | Scalar = 2.0
@@ -281,12 +260,9 @@ class CellSettings(eqx.Module):
 class Disturbances(eqx.Module):
     """The disturbances of a run, in their order."""
 
-    target: Float[Array | np.ndarray, "n 2"]
-    """Angles to which a move goes (rad); NaN for a kick."""
-    kick: Float[Array | np.ndarray, "n"]
-    """Torque of a kick on the shoulder (N m); 0 for a move."""
-    anywhere: Bool[Array | np.ndarray, "n"]
-    """Whether it comes wherever the pendulum is."""
+    target: Float[Array | np.ndarray, "n 2"]  # Angles to which a move goes (rad); NaN for a kick
+    kick: Float[Array | np.ndarray, "n"]  # Torque of a kick on the shoulder (N m); 0 for a move
+    anywhere: Bool[Array | np.ndarray, "n"]  # Whether it comes wherever the pendulum is
 
 
 def example_disturbances(random: np.random.Generator) -> Disturbances:
@@ -321,8 +297,7 @@ class Cell(AbstractSupervisor[CellMemory]):
 
     disturbances: Disturbances
     settings: CellSettings
-    model: Plant
-    """The model with which a move compensates gravity."""
+    model: Plant  # The model with which a move compensates gravity
     stop: Stop
 
     def start(self, dtype: jnp.dtype) -> CellMemory:

@@ -17,8 +17,7 @@ from .plant import Plant
 BASE_NAMES = ("A", "B", "m2r2", "k", "b1", "b2", "cf1", "cf2", "Ir")
 """Entries of θ: kg m², kg m², kg m, kg m, N m s/rad (two), N m (two), kg m²."""
 BASE = len(BASE_NAMES)
-FRICTIONS = slice(4, 8)
-"""Places of b1 to cf2 in θ."""
+FRICTIONS = slice(4, 8)  # Places of b1 to cf2 in θ
 
 INERTIAL_SPREAD = 0.25
 """Standard deviation of I1, I2, m2, r1 and r2 over plants, as a share of each nominal value."""
@@ -29,12 +28,9 @@ OTHER_SPREADS = (0.1, 0.1, 0.2, 0.2, 1e-4)
 class Geometry(NamedTuple):
     """The numbers of a plant that the equations in base parameters take as known."""
 
-    l1: float
-    """Length of link 1 (m)."""
-    g: float
-    """Gravity (m/s²)."""
-    gr: float
-    """Gear ratio of the motors."""
+    l1: float  # Length of link 1 (m)
+    g: float  # Gravity (m/s²)
+    gr: float  # Gear ratio of the motors
 
 
 def geometry_of(plant: Plant) -> Geometry:

@@ -13,20 +13,16 @@ import numpy as np
 
 from ..common.errors import SwingupError, quoted
 
-Vector: TypeAlias = np.ndarray
-"""Three numbers."""
+Vector: TypeAlias = np.ndarray  # Three numbers
 
-TURNED_ANGLE = 1e-3
-"""Angles up to this (rad) are roundings of a file."""
+TURNED_ANGLE = 1e-3  # Angles up to this (rad) are roundings of a file
 
 OFF_LINE = 0.02
 """Largest distance of a centre from its link's line that is left out, as a part of the link's length."""
 
-SMALLEST_LENGTH = 1e-6
-"""Shorter lengths count as 0 (m)."""
+SMALLEST_LENGTH = 1e-6  # Shorter lengths count as 0 (m)
 
-BALANCED_SHARE = 1e-6
-"""A centre nearer to the elbow than this part of l1 has no direction."""
+BALANCED_SHARE = 1e-6  # A centre nearer to the elbow than this part of l1 has no direction
 
 EITHER_SHARE = 0.6
 """An inertia above this part of m r² may be about the joint. Rods have a third of it about their centres, and
@@ -64,8 +60,7 @@ class Link:
     ends: list[Vector] = field(default_factory=list)  # ends of shapes, which may be the tip
 
 
-Relation: TypeAlias = tuple[float, float]
-"""Sign s and offset o (rad) of a joint: q = o + s (the file's angle)."""
+Relation: TypeAlias = tuple[float, float]  # Sign s and offset o (rad) of a joint: q = o + s (the file's angle)
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-Number: TypeAlias = Any
-"""A float, an array of NumPy, or an array of JAX."""
+Number: TypeAlias = Any  # A float, an array of NumPy, or an array of JAX
 
 StateFloats: TypeAlias = tuple[float, float, float, float]
 """[q1, q2, dq1, dq2] as Python's floats, or one number for each of them."""
@@ -21,32 +20,22 @@ StateFloats: TypeAlias = tuple[float, float, float, float]
 Pair: TypeAlias = tuple[Number, Number]
 """One number for the shoulder and one for the elbow; of ``sine_cosine``, the sine and the cosine."""
 
-Stack: TypeAlias = Callable[[Any], Any]
-"""Makes a vector of a pair."""
+Stack: TypeAlias = Callable[[Any], Any]  # Makes a vector of a pair
 
-COULOMB_STEEPNESS = 100.0
-"""Slope of the smoothed Coulomb friction cf arctan(100 q̇) (s/rad)."""
+COULOMB_STEEPNESS = 100.0  # Slope of the smoothed Coulomb friction cf arctan(100 q̇) (s/rad)
 
 
 class Lumped(NamedTuple):
     """The combinations of the plant's parameters that the equations of motion consist of."""
 
-    shoulder: Number
-    """I1 + I2 + m2 l1², the part of M11 that no angle and no motor changes (kg m²)."""
-    elbow: Number
-    """I2, inertia of link 2 about the elbow (kg m²)."""
-    coupling: Number
-    """m2 l1 r2 (kg m²)."""
-    gravity1: Number
-    """(m1 r1 + m2 l1) g (N m)."""
-    gravity2: Number
-    """m2 g r2 (N m)."""
-    reflected: Number
-    """gr² Ir, a rotor's inertia at its joint (kg m²)."""
-    geared: Number
-    """gr Ir (kg m²)."""
-    rotor: Number
-    """Ir (kg m²)."""
+    shoulder: Number  # I1 + I2 + m2 l1², the part of M11 that no angle and no motor changes (kg m²)
+    elbow: Number  # I2, inertia of link 2 about the elbow (kg m²)
+    coupling: Number  # m2 l1 r2 (kg m²)
+    gravity1: Number  # (m1 r1 + m2 l1) g (N m)
+    gravity2: Number  # m2 g r2 (N m)
+    reflected: Number  # gr² Ir, a rotor's inertia at its joint (kg m²)
+    geared: Number  # gr Ir (kg m²)
+    rotor: Number  # Ir (kg m²)
 
 
 class Friction(NamedTuple):
@@ -134,29 +123,21 @@ class ArrayOps(NamedTuple):
     without axes. The equations use operators on both; of a branch both sides must be computable.
     """
 
-    xp: Any
-    """For arrays: the module ``numpy`` or ``jax.numpy``."""
+    xp: Any  # For arrays: the module numpy or jax.numpy
     sine_cosine: Callable[[Number], Pair]
     arctan: Callable[[Number], Number]
     log1p: Callable[[Number], Number]
     expm1: Callable[[Number], Number]
     root: Callable[[Number], Number]
-    minimum: Callable[[Number, Number], Number]
-    """The smaller of two numbers."""
+    minimum: Callable[[Number, Number], Number]  # The smaller of two numbers
     maximum: Callable[[Number, Number], Number]
-    finite: Callable[[Any], Any]
-    """Whether all numbers of an array are finite."""
+    finite: Callable[[Any], Any]  # Whether all numbers of an array are finite
     where: Callable[[Any, Number, Number], Number]
-    place: Callable[[Number], Any]
-    """The nearest whole number, as a place in an array."""
-    number: Callable[[Any], Number]
-    """The number of an array without axes."""
-    numbers: Callable[[Any], tuple[Number, ...]]
-    """The numbers of a vector."""
-    vector: Callable[[Any], Any]
-    """The vector of some numbers."""
-    window: Callable[[Any, Any, int], Any]
-    """Rows of an array from a place that is found at run time: so many."""
+    place: Callable[[Number], Any]  # The nearest whole number, as a place in an array
+    number: Callable[[Any], Number]  # The number of an array without axes
+    numbers: Callable[[Any], tuple[Number, ...]]  # The numbers of a vector
+    vector: Callable[[Any], Any]  # The vector of some numbers
+    window: Callable[[Any, Any, int], Any]  # Rows of an array from a place that is found at run time: so many
     choose: Callable[[Any, Callable[[], Any], Any], Any]
     """What a function returns where a condition holds, else the last argument: arrays, numbers, or tuples of them.
 

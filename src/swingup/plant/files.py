@@ -24,8 +24,7 @@ from .plant import LEADERBOARD, NAMES, RANGE_REFUSED, Plant, PlantLike, make_pla
 PARAMETER_FILES, MODEL_FILES = (".yml", ".yaml"), (".urdf", ".xml", ".mjcf")
 """Ends of the names of parameter files, and of files in other programs' formats."""
 
-PLANT_FILES = "a parameter file (.yml), a URDF (.urdf) or an MJCF (.xml)"
-"""The files of plants, for messages."""
+PLANT_FILES = "a parameter file (.yml), a URDF (.urdf) or an MJCF (.xml)"  # The files of plants, for messages
 
 SHIPPED_PLANTS = ("A.0", "B.0", "C.0", "C.1", "cloudpendulum", "cloudpendulum-rods", LEADERBOARD.name)
 """Plants that the package ships: RealAIGym's designs, a CloudPendulum as identified and as two rods, and the
@@ -131,8 +130,7 @@ CHOSEN_NUMBERS = ("m1", "m2", "r1", "r2", "I1")
 OUR_ELEMENT = "swingup"
 """The element for what this package writes beside a format's own; MuJoCo takes foreign numbers in ``<custom>``."""
 
-INERTIA_MARGIN = 1.05
-"""Inertia above that of a point mass, m r²."""
+INERTIA_MARGIN = 1.05  # Inertia above that of a point mass, m r²
 
 
 def save_plant(path: str | Path, plant: Plant, comments: Sequence[str] = ()) -> None:

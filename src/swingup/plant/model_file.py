@@ -22,15 +22,12 @@ from .chain import READINGS, Link, Model, Part, double_pendulum
 from .files import CHOSEN_NUMBERS, OUR_ELEMENT
 from .model_formats import AT_SPEED, Source, check_numbers, has_physics, mjcf, urdf
 
-MAXIMUM_BYTES = 2_000_000
-"""Bytes of a file; meshes lie in files of their own."""
-MAXIMUM_DEPTH = 60
-"""Levels of elements."""
+MAXIMUM_BYTES = 2_000_000  # Bytes of a file; meshes lie in files of their own
+MAXIMUM_DEPTH = 60  # Levels of elements
 MAXIMUM_ELEMENTS = 2_000
 """Elements of a file with all that it includes; MuJoCo takes up to 3 s for them, and longer by the square."""
 
-GENERATED_ELEMENTS = ("replicate", "composite", "flexcomp", "attach")
-"""Elements of MJCF that stand for others."""
+GENERATED_ELEMENTS = ("replicate", "composite", "flexcomp", "attach")  # Elements of MJCF that stand for others
 
 
 def read_model(path: str | Path, inertia: str | None = None, gear: float | None = None) -> Model:

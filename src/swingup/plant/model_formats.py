@@ -21,22 +21,18 @@ from ..common.checks import LARGEST_NUMBER
 from ..common.errors import SwingupError, one_line, quoted
 from .files import OUR_ELEMENT
 
-GRAVITY = 9.81
-"""Gravity of a URDF (m/s²)."""
+GRAVITY = 9.81  # Gravity of a URDF (m/s²)
 
-COUPLED_SECTIONS = ("equality", "tendon", "deformable")
-"""Sections of MJCF whose elements change the motion."""
+COUPLED_SECTIONS = ("equality", "tendon", "deformable")  # Sections of MJCF whose elements change the motion
 MJCF_SECTIONS = ("compiler", "option", "default", "worldbody", "actuator")
 """Sections that MuJoCo is given; what a pendulum looks like or measures has no effect on it."""
-DRAWN_ELEMENTS = ("camera", "light", "plugin")
-"""Elements of bodies that MuJoCo is not given."""
+DRAWN_ELEMENTS = ("camera", "light", "plugin")  # Elements of bodies that MuJoCo is not given
 URDF_ELEMENTS = ("link", "joint", "frame", "transmission", "material", OUR_ELEMENT)
 """Elements of URDF that are read, or say nothing of the motion."""
 TEXTS = ("name", "class", "childclass", "joint", "jointinparent", "body", "link", "model", "file")
 """Attributes that are no numbers, whatever they look like."""
 
-AT_SPEED = math.pi / 2
-"""What a plant's dry friction tends to, as a multiple of cf."""
+AT_SPEED = math.pi / 2  # What a plant's dry friction tends to, as a multiple of cf
 
 
 @dataclass

@@ -19,10 +19,8 @@ from .equations import Friction, Lumped, Number, mass_entries
 class Robot:
     """An underactuated double pendulum: which of the two joints is driven."""
 
-    name: str
-    """``acrobot`` or ``pendubot``."""
-    joint: int
-    """Index of the driven joint: 0 is the shoulder, 1 the elbow."""
+    name: str  # acrobot or pendubot
+    joint: int  # Index of the driven joint: 0 is the shoulder, 1 the elbow
 
     @property
     def actuation(self) -> tuple[float, float]:
@@ -32,8 +30,7 @@ class Robot:
 
 ROBOTS = {robot.name: robot for robot in (Robot("acrobot", joint=1), Robot("pendubot", joint=0))}
 
-TORQUE_LIMIT = 6.0
-"""Torque limit of the driven joint on the leaderboards (N m)."""
+TORQUE_LIMIT = 6.0  # Torque limit of the driven joint on the leaderboards (N m)
 
 
 def get_robot(name: str | Robot) -> Robot:
@@ -46,8 +43,7 @@ def get_robot(name: str | Robot) -> Robot:
 SMALLEST_NUMBER = 1e-9
 """No mass (kg), length (m) or gravity (m/s²) comes near this; squares of smaller numbers might underflow."""
 
-FRICTIONLESS_SUFFIX = ", frictionless"
-"""Ends the name of a plant whose friction was left out."""
+FRICTIONLESS_SUFFIX = ", frictionless"  # Ends the name of a plant whose friction was left out
 
 
 @dataclass(frozen=True)
@@ -139,14 +135,12 @@ class Plant:
         return {"plant": str(self), "torque_over_gravity": torque_over_gravity(self.driven(robot))}
 
 
-NAMES = tuple(each.name for each in dataclasses.fields(Plant) if each.name != "name")
-"""Names of the numbers."""
+NAMES = tuple(each.name for each in dataclasses.fields(Plant) if each.name != "name")  # Names of the numbers
 
 RANGE_REFUSED = "is a range, and a plant has facts: give one value, or use the file as a domain"
 """The end of a message about a range in the place of a plant's number."""
 
-PlantLike: TypeAlias = Plant | str | Path
-"""A plant, a shipped plant's name, or a file."""
+PlantLike: TypeAlias = Plant | str | Path  # A plant, a shipped plant's name, or a file
 
 LEADERBOARD = Plant(
     m1=0.5234602302310271, m2=0.6255677234174437, l1=0.2, l2=0.3, r1=0.2, r2=0.25569305436052964,

@@ -27,8 +27,7 @@ RecordT = TypeVar("RecordT")
 
 REFERENCE = (0.2119482605847436, TORQUE_LIMIT, 0.2)
 """T (s), torque limit (N m) and length l1 (m) of the leaderboards' plant, to the last digit."""
-REFERENCE_GRAVITY = 9.81
-"""Gravity of design C.1 (m/s²)."""
+REFERENCE_GRAVITY = 9.81  # Gravity of design C.1 (m/s²)
 
 
 # No tuple, for the reason of ``Range``.
@@ -41,14 +40,12 @@ class Unit:
     length: int = 0
 
 
-NUMBER = Unit()
-"""Angles and shares: the same number for every pendulum."""
+NUMBER = Unit()  # Angles and shares: the same number for every pendulum
 TIME, VELOCITY, ACCELERATION = Unit(time=1), Unit(time=-1), Unit(time=-2)
 TORQUE, TORQUE_RATE, DAMPING, INERTIA, COMPLIANCE = Unit(1), Unit(1, -1), Unit(1, 1), Unit(1, 2), Unit(-1)
 LENGTH, MASS, MOMENT, GRAVITY = Unit(length=1), Unit(1, 2, -2), Unit(1, 2, -1), Unit(0, -2, 1)
 """MOMENT is the unit of a mass times a length."""
-STATE = (NUMBER, NUMBER, VELOCITY, VELOCITY)
-"""[q1, q2, dq1, dq2]."""
+STATE = (NUMBER, NUMBER, VELOCITY, VELOCITY)  # [q1, q2, dq1, dq2]
 BASE_UNITS = (INERTIA, INERTIA, MOMENT, MOMENT, DAMPING, DAMPING, TORQUE, TORQUE, INERTIA)
 """Units of the base parameters."""
 
@@ -63,12 +60,9 @@ PLANT_UNITS = {
 class Scales(NamedTuple):
     """A pendulum's units as multiples of C.1's; a compiled program may take them as its arguments."""
 
-    time: float
-    """Unit of time: T, or √(l1 / g)."""
-    torque: float
-    """Unit of torque: the larger of the two torque limits, relative to 6 N m."""
-    length: float
-    """Unit of length: the upper link's, relative to 0.2 m."""
+    time: float  # Unit of time: T, or √(l1 / g)
+    torque: float  # Unit of torque: the larger of the two torque limits, relative to 6 N m
+    length: float  # Unit of length: the upper link's, relative to 0.2 m
 
     def of(self, unit: Unit) -> float:
         """A unit as a multiple of C.1's.
@@ -115,8 +109,7 @@ class Scales(NamedTuple):
         return tuple(map(self.of, STATE))
 
 
-C1 = Scales(1.0, 1.0, 1.0)
-"""The units of the leaderboards' plant."""
+C1 = Scales(1.0, 1.0, 1.0)  # The units of the leaderboards' plant
 
 
 def scales_of(parameters: Plant) -> Scales:

@@ -51,8 +51,7 @@ def four_numbers(x: Any) -> np.ndarray:
 class TorqueSource(Protocol):
     """What computes torques for a loop, and knows nothing of limits and guards."""
 
-    min_pause: float
-    """A call that comes sooner after the last one (s) keeps the torques."""
+    min_pause: float  # A call that comes sooner after the last one (s) keeps the torques
 
     def reset(self) -> None:
         """Forget the run so far."""

@@ -105,16 +105,12 @@ def kalman_gains(settings: EstimatorSettings) -> np.ndarray:
 
 RESET_SIGMAS = 100
 """The estimate restarts where its rate is this many standard deviations off the measured one, which has jumped."""
-PREDICTION_STEPS = 4
-"""Steps of the model in which the estimate is carried ahead over the delay."""
-PIECE_ENDS = np.arange(PREDICTION_STEPS, -1.0, -1.0)[:, None]
-"""Ends of these steps before now, in steps (5, 1)."""
+PREDICTION_STEPS = 4  # Steps of the model in which the estimate is carried ahead over the delay
+PIECE_ENDS = np.arange(PREDICTION_STEPS, -1.0, -1.0)[:, None]  # Ends of these steps before now, in steps (5, 1)
 OUTLIER_SCALE = 1e-4
 """s: far larger errors of a predicted angle count little more (rad); a push must not decide the delay."""
-DELAY_PENALTY = 20.0
-"""c: log likelihood that a delay must gain for each step that it is longer."""
-EVIDENCE_TIME = 5.0
-"""T: time in which evidence on the delay fades (s)."""
+DELAY_PENALTY = 20.0  # c: log likelihood that a delay must gain for each step that it is longer
+EVIDENCE_TIME = 5.0  # T: time in which evidence on the delay fades (s)
 
 
 class EstimatorConstants(NamedTuple):

@@ -20,8 +20,7 @@ FORMAT = "swingup policy"
 FORMAT_VERSION = 1
 CHOICES, ACTIVATION, BOUNDS = "choices", "activation", "bounds"
 """Keys of discrete actions' numbers of alternatives, of what follows hidden layers, and of actions' bounds."""
-DEFAULTS = {CHOICES: None, ACTIVATION: RELU, BOUNDS: TANH}
-"""Values of these keys that are left out."""
+DEFAULTS = {CHOICES: None, ACTIVATION: RELU, BOUNDS: TANH}  # Values of these keys that are left out
 
 MAX_STAGES = 10
 KNOWN_ARRAYS = re.compile(

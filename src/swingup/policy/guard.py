@@ -39,8 +39,7 @@ from ..common.settings import Range, Settings, read_settings
 
 MAX_STANDSTILLS = 10
 """Maximum number of calls in a row at the same time: a loop may call twice for one measurement."""
-PUSHING_SHARE = 0.5
-"""A torque above this share of its joint's limit must move the joint."""
+PUSHING_SHARE = 0.5  # A torque above this share of its joint's limit must move the joint
 MAX_BRAKED_RATIO = 2.0
 """Above this multiple of the guard's velocity limit a measured velocity is not used for braking."""
 
@@ -80,10 +79,8 @@ class Fault(NamedTuple):
     """What made a guard stop its controller."""
 
     reason: Reason
-    time: float
-    """Time of the call (s)."""
-    joint: int
-    """0 is the shoulder, 1 the elbow; -1 where no joint is meant."""
+    time: float  # Time of the call (s)
+    joint: int  # 0 is the shoulder, 1 the elbow; -1 where no joint is meant
     value: float
     """The angle (rad), the velocity (rad/s) or the time (s) that was beyond its limit, or what was not finite."""
 
@@ -98,12 +95,9 @@ class GuardSettings(Settings):
     """What a robot may do under a controller; its limits are those of RealAIGym's loop on the robot."""
 
     PART: ClassVar[str] = "guard"
-    dt: Annotated[float, Range(1e-6, 0.1)] = 0.002
-    """Time between calls (s)."""
-    angle_limit: Annotated[float, Range(1e-6, 1e6)] = 4 * math.pi
-    """Maximum angle of either joint (rad)."""
-    velocity_limit: Annotated[float, Range(1e-6, 1e6)] = 20.0
-    """Maximum velocity of either joint (rad/s)."""
+    dt: Annotated[float, Range(1e-6, 0.1)] = 0.002  # Time between calls (s)
+    angle_limit: Annotated[float, Range(1e-6, 1e6)] = 4 * math.pi  # Maximum angle of either joint (rad)
+    velocity_limit: Annotated[float, Range(1e-6, 1e6)] = 20.0  # Maximum velocity of either joint (rad/s)
     longest_gap: Annotated[float, Range(1e-6, 1e6)] = 0.05
     """Maximum time without a fresh measurement (s): between two calls, of numbers that are not finite, or of angle
     and velocity of a joint that repeat, digit by digit, with a velocity other than 0."""

@@ -71,75 +71,50 @@ from ..plant.momentum import inertial_row, momentum_rows
 from ..plant.plant import Plant
 from ..plant.units import TORQUE
 
-UNKNOWNS = BASE + 4
-"""The base parameters, and behind them the unknowns whose indices follow."""
+UNKNOWNS = BASE + 4  # The base parameters, and behind them the unknowns whose indices follow
 TILT1, TILT2 = BASE, BASE + 1
 """κ1 = k o1 and κ2 = m2 r2 (o1 + o2) (kg m), for measured angles that are o1 and o2 (rad) too large."""
-LAG = BASE + 2
-"""λ: the torque's lag (s) beyond the delay that the estimator found."""
-GAIN = BASE + 3
-"""γ: share of its command that the passive joint's motor delivers."""
+LAG = BASE + 2  # λ: the torque's lag (s) beyond the delay that the estimator found
+GAIN = BASE + 3  # γ: share of its command that the passive joint's motor delivers
 LOADS = UNKNOWNS + 4
 """Unknowns where loads are expected: constant torques against both joints (N m) and springs (N m/rad) come last."""
 
-SPAN_TIME = 0.008
-"""Time between the three angles of a row (s): rates resolve the encoder's step over it."""
+SPAN_TIME = 0.008  # Time between the three angles of a row (s): rates resolve the encoder's step over it
 BANDWIDTH = 60.0
 """Bandwidth of each pole of the low-pass on both sides of the equation (rad/s). Rows within its rise time have
 similar errors and count as one."""
-POLES = 3
-"""First-order low-passes in a row: second differences of an encoder's steps need three."""
+POLES = 3  # First-order low-passes in a row: second differences of an encoder's steps need three
 PASSIVE_DEVIATION, PASSIVE_FLOOR = 0.012, 0.005
 """Initial and minimum standard deviation of the passive joint's low-passed residual (N m)."""
-DRIVEN_DEVIATION, DRIVEN_FLOOR = 0.04, 0.01
-"""The same for the driven joint, whose motor is noisy and is pushed."""
+DRIVEN_DEVIATION, DRIVEN_FLOOR = 0.04, 0.01  # The same for the driven joint, whose motor is noisy and is pushed
 RELATIVE_FLOOR = 0.002
 """Part of a floor that grows with the size of a row's terms: errors of the discretisation."""
-MAX_DEVIATION = 10.0
-"""Maximum standard deviation of the residuals, as a multiple of the initial one."""
-RISE_TIME, FALL_TIME = 0.02, 0.1
-"""Times in which the deviation follows larger residuals and smaller ones (s)."""
-GATE_SIGMAS = 3.0
-"""A residual of more than this many of its standard deviations is a push."""
-GATE_TIME = 0.1
-"""Time after a push in which the joint's row is not used (s)."""
-FREEDOM = 4.0
-"""ν: degrees of freedom of Student's distribution of the errors."""
-LAG_DEVIATION = 0.01
-"""Prior standard deviation of the torque's lag (s)."""
-OFFSET_DEVIATION = 0.03
-"""Prior standard deviation of the angles' offsets (rad)."""
-GAIN_DEVIATION = 0.5
-"""Prior standard deviation of the passive motor's delivered share; its mean is 1."""
-DRIFT = 0.01
-"""Drift of the unknowns, in prior standard deviations after 1 s."""
+MAX_DEVIATION = 10.0  # Maximum standard deviation of the residuals, as a multiple of the initial one
+RISE_TIME, FALL_TIME = 0.02, 0.1  # Times in which the deviation follows larger residuals and smaller ones (s)
+GATE_SIGMAS = 3.0  # A residual of more than this many of its standard deviations is a push
+GATE_TIME = 0.1  # Time after a push in which the joint's row is not used (s)
+FREEDOM = 4.0  # ν: degrees of freedom of Student's distribution of the errors
+LAG_DEVIATION = 0.01  # Prior standard deviation of the torque's lag (s)
+OFFSET_DEVIATION = 0.03  # Prior standard deviation of the angles' offsets (rad)
+GAIN_DEVIATION = 0.5  # Prior standard deviation of the passive motor's delivered share; its mean is 1
+DRIFT = 0.01  # Drift of the unknowns, in prior standard deviations after 1 s
 MIN_MASS_SHARE = 0.2
 """The identified mass matrix is at least this share of the nominal one, in every configuration."""
-MAX_OFFSET = 0.1
-"""Maximum offset of an angle that is believed (rad)."""
-MAX_ANGLE = 1e6
-"""An angle beyond this is not a measurement (rad): its digits do not resolve the turn."""
-UNEVEN_ANGLE = 1e-3
-"""Unit (rad) of the errors by which a call's motion contradicts an age of the angles."""
-AGE_FADING = 0.9995
-"""Factor on the evidence against each age, at each call."""
-AGE_MARGIN = 4.0
-"""Evidence by which another age must be more likely before it is believed."""
-NOISE_TIME = 0.05
-"""Time in which the noise of the angles is followed (s)."""
-MAX_NOISE = 1e-3
-"""Maximum standard deviation of an angle's noise (rad)."""
-EVEN_TOLERANCE = 0.1
-"""Steps that differ by less, in periods, are even: the noise shows in them."""
+MAX_OFFSET = 0.1  # Maximum offset of an angle that is believed (rad)
+MAX_ANGLE = 1e6  # An angle beyond this is not a measurement (rad): its digits do not resolve the turn
+UNEVEN_ANGLE = 1e-3  # Unit (rad) of the errors by which a call's motion contradicts an age of the angles
+AGE_FADING = 0.9995  # Factor on the evidence against each age, at each call
+AGE_MARGIN = 4.0  # Evidence by which another age must be more likely before it is believed
+NOISE_TIME = 0.05  # Time in which the noise of the angles is followed (s)
+MAX_NOISE = 1e-3  # Maximum standard deviation of an angle's noise (rad)
+EVEN_TOLERANCE = 0.1  # Steps that differ by less, in periods, are even: the noise shows in them
 MAX_STEP = 4.0
 """A call that comes more than this many periods after the last one restarts estimator and identifier."""
 MIN_STEP = 0.6
 """A call that comes sooner, in periods, keeps the torques: rates would show nothing but the encoder's step."""
-MIN_GAIN = 0.6
-"""Lower bound on the delivered share that the passive motor's command is divided by."""
+MIN_GAIN = 0.6  # Lower bound on the delivered share that the passive motor's command is divided by
 
-Array = Any
-"""An array of NumPy or JAX; shapes are in the comments."""
+Array = Any  # An array of NumPy or JAX; shapes are in the comments
 
 
 @dataclass(frozen=True)
@@ -229,10 +204,8 @@ class PredictionModel(NamedTuple):
 class Compensation(NamedTuple):
     """Parts of a :class:`Friction` or of :class:`JointLoads`."""
 
-    commanded: Any
-    """What the motors are commanded; never negative friction."""
-    residual: Any
-    """What remains; negative friction is not compensated."""
+    commanded: Any  # What the motors are commanded; never negative friction
+    residual: Any  # What remains; negative friction is not compensated
     predicted: Any
     """What to predict with: all of the driven joint's, whose torque is counted, and what remains of the other's.
     Negative friction counts as zero: the implicit step near rest would be singular with it."""
@@ -309,20 +282,16 @@ class IdentifiedPlant(NamedTuple):
     model: PredictionModel
     """The plant to predict with, whose mass matrix is positive definite. Friction is never negative; the passive
     joint's, and its loads, are what the compensation leaves of them."""
-    commanded_friction: Friction
-    """Friction whose counterpart the motors are commanded."""
+    commanded_friction: Friction  # Friction whose counterpart the motors are commanded
     commanded_loads: JointLoads | None
     """Loads that the motors are commanded to carry; None where no load is expected."""
     residual_base: tuple[Number, ...]
     """θ for policy and regulator: with the friction that the compensation leaves."""
-    offsets: Pair
-    """How much the measured angles are too large (rad)."""
+    offsets: Pair  # How much the measured angles are too large (rad)
 
 
-EYE = np.eye(LOADS)
-"""Faster than making a diagonal matrix at each call."""
-THIRD_DIFFERENCE = 20.0
-"""1² + 3² + 3² + 1²: its variance over that of the angles' noise."""
+EYE = np.eye(LOADS)  # Faster than making a diagonal matrix at each call
+THIRD_DIFFERENCE = 20.0  # 1² + 3² + 3² + 1²: its variance over that of the angles' noise
 
 
 def begin(ops: ArrayOps, constants: IdentifierConstants) -> IdentifierState:

@@ -15,15 +15,11 @@ from ..plant.equations import TURN
 from ..plant.plant import Plant
 from ..plant.units import BASE_UNITS, VELOCITY, arm_scales, scaled
 
-ANGLES = ("wrapped", "sincos")
-"""Encodings of the angles."""
-MIN_SCALE = 1e-30
-"""Least scale of a base parameter: single precision can divide by it."""
+ANGLES = ("wrapped", "sincos")  # Encodings of the angles
+MIN_SCALE = 1e-30  # Least scale of a base parameter: single precision can divide by it
 
-Array = Any
-"""An array of NumPy or JAX."""
-Clip = Annotated[float, Range(1e-6, LARGEST_NUMBER)]
-"""The result lies within ± this."""
+Array = Any  # An array of NumPy or JAX
+Clip = Annotated[float, Range(1e-6, LARGEST_NUMBER)]  # The result lies within ± this
 
 
 @dataclass(frozen=True)
@@ -95,8 +91,7 @@ class PlantStage:
     """
 
     PART: ClassVar[str] = "plant stage"
-    centre: Annotated[Array, *BASE_UNITS]
-    """One for each base parameter, in its unit; so is the scale."""
+    centre: Annotated[Array, *BASE_UNITS]  # One for each base parameter, in its unit; so is the scale
     scale: Annotated[Array, *BASE_UNITS]
     clip: Clip = 10.0
 
@@ -183,16 +178,14 @@ def _within(values: Array, limit: float) -> Array:
 
 FLOAT32_SUM_WIDTH = 64
 """Inputs of a wide layer whose products are summed in single precision; the groups are summed in double."""
-STATE = 4
-"""Length of a pendulum's state."""
+STATE = 4  # Length of a pendulum's state
 MAX_FEATURE = 1e30
 """No layer may reach more, for any observation: single precision ends at 3e38, and ∞ times 0 is not a torque."""
 
 Activation = Literal["relu", "tanh", "elu", "silu", "gelu"]
 """What follows a hidden layer; gelu is x (1 + tanh(√(2/π) (x + 0.044715 x³))) / 2, silu x / (1 + e^-x)."""
 RELU: Activation = "relu"
-Bounds = Literal["tanh", "clip"]
-"""What brings a continuous action into [-1, 1]."""
+Bounds = Literal["tanh", "clip"]  # What brings a continuous action into [-1, 1]
 TANH: Bounds = "tanh"
 
 
@@ -213,8 +206,7 @@ class Network:
 
     stages: tuple[Stage, ...]
     trunk: tuple[Layer, ...]
-    head: Layer
-    """Means of continuous actions before their bounds, or the logits of discrete ones."""
+    head: Layer  # Means of continuous actions before their bounds, or the logits of discrete ones
     std: Layer | None = None
     choices: tuple[int, ...] | None = None
     """Number of alternatives of each discrete action; None if actions are continuous."""

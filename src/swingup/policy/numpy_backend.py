@@ -127,8 +127,7 @@ def command(P: np.ndarray, step: np.ndarray, e: tuple[float, ...]) -> float:
 class NumpyPolicy:
     """The torques of a policy, with an estimator and a regulator where its file has one."""
 
-    identified_plant: IdentifiedPlant | None = None
-    """What the identifier knows of the plant; None without one."""
+    identified_plant: IdentifiedPlant | None = None  # What the identifier knows of the plant; None without one
 
     def __init__(self, policy: PendulumPolicy, estimated: bool | None = None) -> None:
         """Take a policy behind an estimator where its file has one (None), never (False) or always (True)."""

@@ -22,8 +22,7 @@ from .identifier import IdentifierSettings, prior
 from .network import Network, PendulumStage, PlantStage, fold, stages_for
 from .regulator import RegulatorSettings, fixed_point
 
-PLANT = "plant"
-"""Key of the plant in a policy file's metadata."""
+PLANT = "plant"  # Key of the plant in a policy file's metadata
 
 
 def policy_plant(plant: Plant, robot: Robot) -> Plant:
@@ -56,8 +55,7 @@ def write_plant(plant: Plant) -> dict[str, Any]:
     return {"name": plant.name, **plant.values()}
 
 
-LARGE_DIFFERENCE = 0.1
-"""From this relative difference of a base parameter on, two plants differ much."""
+LARGE_DIFFERENCE = 0.1  # From this relative difference of a base parameter on, two plants differ much
 
 
 def plant_difference(

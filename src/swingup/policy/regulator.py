@@ -46,8 +46,7 @@ from ..plant.units import C1, TORQUE, arm_scales, scaled, similar_plant
 
 STATE_WEIGHTS = (1.0, 1.0, 0.1, 0.1)
 """q, of the errors of q1, q2 (1/rad²), dq1 and dq2 (s²/rad²) in the costs ∫ eᵀ diag(q) e + r u² dt."""
-TORQUE_WEIGHT = 1.0
-"""r (1/N²m²)."""
+TORQUE_WEIGHT = 1.0  # r (1/N²m²)
 COULOMB_DAMPING = 0.012
 """Weak Coulomb friction cf (N m) counts as damping cf + cf² / this (N m s/rad), one that drives, below 0, as cf."""
 WEAK = (0.7, 10.0)
@@ -60,14 +59,10 @@ NEAR_DAMPING, NEAR = 3.0, (1.0, 20.0)
 """Near the top strong friction counts as this multiple of d*, and with this share and knee."""
 FAR_DAMPING, FAR = 0.4, (0.5, 8.0)
 """Damping, share and knee far from the top. Friction above d* has no such design: none that was tried catches."""
-FAR_ABOVE, NEAR_BELOW = 1.0, 0.3
-"""Costs-to-go above and below which the two designs change over."""
-TINY = 1e-12
-"""Least square of a denominator."""
-RICCATI_STEP = 0.005
-"""Step h of the recursion (s)."""
-RICCATI_STEPS = 4
-"""Steps of the recursion at each call."""
+FAR_ABOVE, NEAR_BELOW = 1.0, 0.3  # Costs-to-go above and below which the two designs change over
+TINY = 1e-12  # Least square of a denominator
+RICCATI_STEP = 0.005  # Step h of the recursion (s)
+RICCATI_STEPS = 4  # Steps of the recursion at each call
 Q, R = tuple(RICCATI_STEP * weight for weight in STATE_WEIGHTS), RICCATI_STEP * TORQUE_WEIGHT
 """h q and h r: Q's diagonal and R of one step."""
 
@@ -122,14 +117,10 @@ def fixed_point(plant: Plant, driven: int) -> tuple[np.ndarray, np.ndarray]:
 class DryFriction(NamedTuple):
     """How the undriven joint's Coulomb friction counts."""
 
-    damping: Pair
-    """Damping of both joints, b and what Coulomb friction counts as (N m s/rad)."""
-    torque: Number
-    """Share of the friction times the friction (N m); the torque is -torque · arctan(knee q̇)."""
-    knee: Number
-    """s/rad"""
-    two: Any
-    """Whether there are two designs, near the top and far from it."""
+    damping: Pair  # Damping of both joints, b and what Coulomb friction counts as (N m s/rad)
+    torque: Number  # Share of the friction times the friction (N m); the torque is -torque · arctan(knee q̇)
+    knee: Number  # s/rad
+    two: Any  # Whether there are two designs, near the top and far from it
 
 
 def dry_friction(ops: ArrayOps, plant: Lumped, friction: Friction, driven: int, far: Any) -> DryFriction:
@@ -166,12 +157,9 @@ def near_the_top(plant: Plant, driven: int) -> DryFriction:
 class Discrete(NamedTuple):
     """e ← A e + d f + b u over one step."""
 
-    a: tuple[tuple[Number, ...], ...]
-    """Rows of A (4, 4)."""
-    d: tuple[Number, ...]
-    """(4,), of a torque f on the undriven joint."""
-    b: tuple[Number, ...]
-    """(4,), of the torque u on the driven joint."""
+    a: tuple[tuple[Number, ...], ...]  # Rows of A (4, 4)
+    d: tuple[Number, ...]  # (4,), of a torque f on the undriven joint
+    b: tuple[Number, ...]  # (4,), of the torque u on the driven joint
 
 
 def upright_step(plant: Lumped, driven: int, damping: Pair) -> Discrete:
@@ -216,27 +204,19 @@ def upright_step(plant: Lumped, driven: int, damping: Pair) -> Discrete:
 class RegulatorState(NamedTuple):
     """What is remembered from call to call."""
 
-    cost_to_go: Any
-    """P, as the loop keeps it."""
-    acting: Any
-    """Whether the regulator acts."""
-    far: Any
-    """Whether the state is far from the top: which of two designs counts, where friction has two."""
+    cost_to_go: Any  # P, as the loop keeps it
+    acting: Any  # Whether the regulator acts
+    far: Any  # Whether the state is far from the top: which of two designs counts, where friction has two
 
 
 class Held(NamedTuple):
     """The plant that is held."""
 
-    lumps: Lumped
-    """θ as the equations of motion have it."""
-    step: Any
-    """A, d and b: ``Discrete``, or what the loop makes of it."""
-    dry: DryFriction
-    """How the undriven joint's Coulomb friction counts."""
-    enter: Number
-    """Cost-to-go below which the regulator takes over."""
-    leave: Number
-    """Cost-to-go above which it gives up."""
+    lumps: Lumped  # θ as the equations of motion have it
+    step: Any  # A, d and b: Discrete, or what the loop makes of it
+    dry: DryFriction  # How the undriven joint's Coulomb friction counts
+    enter: Number  # Cost-to-go below which the regulator takes over
+    leave: Number  # Cost-to-go above which it gives up
 
 
 class Loop(NamedTuple):

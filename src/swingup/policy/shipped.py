@@ -14,19 +14,15 @@ from .pendulum import PendulumPolicy, for_plant, read_pendulum_policy
 
 ADAPTIVE = "adaptive"
 """Sees the plant that an identifier finds while it swings up; a regulator for that plant holds it."""
-AR_EAPO = "ar-eapo"
-"""Trained by the paper's learner alone."""
-GLOBAL = "global"
-"""Trained to recover from throws."""
+AR_EAPO = "ar-eapo"  # Trained by the paper's learner alone
+GLOBAL = "global"  # Trained to recover from throws
 
 SHIPPED_POLICIES = (ADAPTIVE, AR_EAPO, GLOBAL)
 """Names of the shipped policies, which are those of their controllers and of their files."""
-DEFAULT = ADAPTIVE
-"""The policy of commands, pages and exports that name none."""
+DEFAULT = ADAPTIVE  # The policy of commands, pages and exports that name none
 
 # Not by the package's name: the copy in an exported folder has another one.
-ZOO = resources.files(__package__.rpartition(".")[0]) / "zoo"
-"""The folder of the files."""
+ZOO = resources.files(__package__.rpartition(".")[0]) / "zoo"  # The folder of the files
 
 
 def shipped_file(robot: Robot | str, name: str = DEFAULT) -> Traversable:

@@ -58,24 +58,16 @@ RECOVERY_STARTS = 8192  # states that recoveries begin in
 class ScoredSteps:
     """Steps in which the score of swing-ups and the cost of recoveries count beside the torques' squared errors."""
 
-    steps: int
-    """Steps of Adam."""
-    weight: float
-    """Weight of the score, beside the squared errors of the torque (N² m²)."""
-    swingups: int
-    """Swing-ups of the nominal plant in a step."""
-    recoveries: int
-    """Recoveries on plants of which the student is informed, in a step."""
-    duration: float
-    """Length of a recovery (s)."""
-    starts: Starts
-    """Where recoveries begin."""
-    nominal: float
-    """Fraction of the thrown starts on the nominal plant; all other recoveries are on any."""
+    steps: int  # Steps of Adam
+    weight: float  # Weight of the score, beside the squared errors of the torque (N² m²)
+    swingups: int  # Swing-ups of the nominal plant in a step
+    recoveries: int  # Recoveries on plants of which the student is informed, in a step
+    duration: float  # Length of a recovery (s)
+    starts: Starts  # Where recoveries begin
+    nominal: float  # Fraction of the thrown starts on the nominal plant; all other recoveries are on any
     weights: EpisodeWeights
     """Weights of the recoveries' measures, beside the squared errors of the torque (N² m²)."""
-    batch: tuple[int, int]
-    """States from anywhere, and states of runs, in a minibatch."""
+    batch: tuple[int, int]  # States from anywhere, and states of runs, in a minibatch
 
 
 @dataclass(frozen=True)
@@ -84,14 +76,10 @@ class DistillationStage:
 
     draws: PlantDraws
     scored: ScoredSteps
-    copies: int = 80
-    """Copies of the nominal plant beside the drawn ones."""
-    rounds: int = 4
-    """Rounds of DAgger; in the first the teachers act."""
-    runs: int = 8
-    """Runs on each plant in a round."""
-    steps: int = 80_000
-    """Steps of Adam in the first and the last round; half as many in the others."""
+    copies: int = 80  # Copies of the nominal plant beside the drawn ones
+    rounds: int = 4  # Rounds of DAgger; in the first the teachers act
+    runs: int = 8  # Runs on each plant in a round
+    steps: int = 80_000  # Steps of Adam in the first and the last round; half as many in the others
 
 
 @dataclass(frozen=True)
@@ -100,8 +88,7 @@ class RecoveryStage:
 
     draws: PlantDraws
     scored: ScoredSteps
-    runs: int = 3
-    """Swing-ups of each plant whose torques are kept."""
+    runs: int = 3  # Swing-ups of each plant whose torques are kept
 
 
 class InformedRegulator(RegulatingController):

@@ -33,8 +33,7 @@ from ..loop.starts import Starts, sample_starts
 from ..plant.plant import Plant, Robot
 from ..tasks.pendulum import UP_LINE_WIDTH
 
-SCORE_RULES = PERFORMANCE
-"""The rules whose score the objective smooths, and whose time step the episodes have."""
+SCORE_RULES = PERFORMANCE  # The rules whose score the objective smooths, and whose time step the episodes have
 GOAL_WIDTH = 0.3  # width of the goal's neighbourhood (rad)
 SPEED_OF_A_RADIAN = 4.0  # the velocity that counts as much as an error of one radian (rad/s)
 FAST = 14.0  # the velocity from which on a joint is fast (rad/s). Loops of real robots stop at 20
@@ -42,8 +41,7 @@ WOUND = 2.0
 """Half turns from upright from which on a joint is wound. Loops of real robots stop at 3.5 or 4 from hanging."""
 LEARNING_RATE = 5e-4
 """Maximum step size of Adam: it rises over the first eighth of the steps and falls to a fiftieth on a cosine."""
-ADJOINT_LIMIT = 4.0
-"""Maximum norm of an episode's gradient with respect to one of its states (1/rad, s/rad)."""
+ADJOINT_LIMIT = 4.0  # Maximum norm of an episode's gradient with respect to one of its states (1/rad, s/rad)
 REPORT_EVERY = 10  # gradient steps between reports
 GRADIENT_LIMIT = 0.5  # maximum norm of the policy's gradient; a larger one is scaled down
 
@@ -51,16 +49,12 @@ GRADIENT_LIMIT = 0.5  # maximum norm of the policy's gradient; a larger one is s
 class Measures(eqx.Module):
     """The measures of an episode."""
 
-    score: Scalar
-    """The RealAI score, in which the smoothly counted time down replaces the swing-up time."""
-    down: Scalar
-    """Share of the time for which the tip is down."""
+    score: Scalar  # The RealAI score, in which the smoothly counted time down replaces the swing-up time
+    down: Scalar  # Share of the time for which the tip is down
     away: Scalar
     """Mean distance from the goal, from 0 to 1. Half of it saturates outside the goal's neighbourhood."""
-    fast: Scalar
-    """Mean over the rows of the joints' squared velocities above ``FAST``, in units of it."""
-    wound: Scalar
-    """Mean sum of squares of the joints' half turns from upright beyond ``WOUND``."""
+    fast: Scalar  # Mean over the rows of the joints' squared velocities above FAST, in units of it
+    wound: Scalar  # Mean sum of squares of the joints' half turns from upright beyond WOUND
 
 
 def measure_episode(trajectory: Trajectory, parameters: Plant) -> Measures:
@@ -116,14 +110,10 @@ class EpisodeWeights:
 class GradientStage:
     """A stage of gradient steps for a policy of one plant."""
 
-    weights: EpisodeWeights
-    """What the episodes minimise."""
-    steps: int = 900
-    """Gradient steps."""
-    duration: float = 1.5
-    """Length of an episode (s)."""
-    episodes: int = 202
-    """Episodes of a step."""
+    weights: EpisodeWeights  # What the episodes minimise
+    steps: int = 900  # Gradient steps
+    duration: float = 1.5  # Length of an episode (s)
+    episodes: int = 202  # Episodes of a step
     starts: Starts = Starts(thrown=180, anywhere=18, hanging=4, speed=8.0, spread=0.0115)  # noqa: RUF009 - frozen
     """Where they begin."""
 

@@ -92,8 +92,7 @@ IDENTIFIERS = {
 """Identifiers that look for loads and springs. Chosen on robots outside of the package (``lab/adaptive.md``)."""
 ACCELERATION_NOISE = 10.0
 """The estimator's where the model is the plant found (rad/s²): such a model errs less. Chosen."""
-RECORDED = "recorded"
-"""The domain of the robot's plants, where a policy sees its plant and no domain is given."""
+RECORDED = "recorded"  # The domain of the robot's plants, where a policy sees its plant and no domain is given
 GUESS = 0.1  # share by which masses and inertias of a plant without ranges may be off
 
 

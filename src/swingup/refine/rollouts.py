@@ -26,8 +26,7 @@ MAXIMUM_APPROACH = 0.4
 """Maximum time in which the plant that the student sees approaches the run's from the nominal one (s)."""
 OFF_SWINGUP = (0.1, 0.1, 0.6, 0.6)
 """Deviations of the initial states of the roughest runs from a swing-up (rad, rad/s)."""
-SPEED_LIMIT = 40.0
-"""A run that is ever faster than this (rad/s) is left out: its time step is too long for it."""
+SPEED_LIMIT = 40.0  # A run that is ever faster than this (rad/s) is left out: its time step is too long for it
 OUTSIDE_WEIGHT = 0.15  # weight of a state outside the tube, beside 1 within
 ANYWHERE = 60_000  # states from anywhere, with random velocities
 ANYWHERE_WEIGHT = 0.02  # weight of a state from anywhere

@@ -45,8 +45,7 @@ MARGIN, ROBOT_MARGIN = 0.03, 0.1
 The fits of single sessions lie at corners of the domain's ranges, and beyond."""
 RESIDUAL_FRICTION = {"b1": 0.004, "b2": 0.004, "cf1": 0.04, "cf2": 0.04}
 """Maximum friction left after compensation, on the recorded robot (N m s/rad, N m)."""
-MAX_OVERCOMPENSATION = 0.5
-"""Compensation exceeds the friction by at most this fraction of what it may leave."""
+MAX_OVERCOMPENSATION = 0.5  # Compensation exceeds the friction by at most this fraction of what it may leave
 RESIDUAL_SHARE = 0.24
 """Share of larger frictions that compensation leaves; the recorded robot's frictions use ``RESIDUAL_FRICTION``."""
 MAX_ROTOR = 3e-4
@@ -73,10 +72,8 @@ EXCLUDED = 1e6  # added to the squared distances from rows that do not teach
 class PlantDraws:
     """How many plants of each kind are drawn."""
 
-    single: int
-    """Plants with one parameter off, anywhere in its range."""
-    joint: int
-    """Plants with all parameters off, each within ``SHARE`` of its range."""
+    single: int  # Plants with one parameter off, anywhere in its range
+    joint: int  # Plants with all parameters off, each within SHARE of its range
     friction: int
     """The passive joint has friction, up to the end of its range: Coulomb friction in two of three, damping in the
     third. In half of them all parameters are off as well, each within ``FRICTION_SHARE`` of its range."""
@@ -212,8 +209,7 @@ class TrainingSet(NamedTuple):
     """Teachers for plants about a nominal one, and the policy that recovers from anywhere on that one."""
 
     teachers: Teachers
-    recovery: PolicyController
-    """In single precision, in C.1's units; its plant is the nominal one."""
+    recovery: PolicyController  # In single precision, in C.1's units; its plant is the nominal one
 
 
 def make_training_set(

@@ -21,8 +21,7 @@ from typing import Any
 
 import numpy as np
 
-MAX_ERROR_LENGTH = 300
-"""Characters of a foreign error."""
+MAX_ERROR_LENGTH = 300  # Characters of a foreign error
 
 
 class FolderError(Exception):

@@ -26,10 +26,8 @@ PATTERNS = {form: entry.format(name="*") for form, (entry, _) in FORMS.items()}
 class Folder:
     """An exported folder."""
 
-    entry: Path
-    """The file that defines its controller."""
-    form: str
-    """``realaigym`` or ``cloudpendulum``."""
+    entry: Path  # The file that defines its controller
+    form: str  # realaigym or cloudpendulum
 
     @property
     def policy(self) -> Path | None:
@@ -57,10 +55,8 @@ def find_folder(path: str | Path) -> Folder:
     return found[0]
 
 
-LOADING_TIME = 60.0
-"""Maximum time of an import (s): a cold disk and a busy machine take seconds."""
-CALLING_TIME = 2.0
-"""Maximum time of a call (s), after which it counts as hung."""
+LOADING_TIME = 60.0  # Maximum time of an import (s): a cold disk and a busy machine take seconds
+CALLING_TIME = 2.0  # Maximum time of a call (s), after which it counts as hung
 
 
 class FolderProcess(AbstractContextManager["FolderProcess"]):
@@ -161,14 +157,10 @@ WATCHED_TIME = 0.0005
 class Timing:
     """What was measured of the calls of one run or several."""
 
-    calls: list[float] = field(default_factory=list)
-    """Time inside each call (s)."""
-    periods: list[float] = field(default_factory=list)
-    """Times between the calls of a run in real time (s)."""
-    missed_deadlines: int = 0
-    """Periods that ended without an answer: the motors kept the torques before."""
-    late_periods: int = 0
-    """Periods that began late because the simulation, not the controller, was slow."""
+    calls: list[float] = field(default_factory=list)  # Time inside each call (s)
+    periods: list[float] = field(default_factory=list)  # Times between the calls of a run in real time (s)
+    missed_deadlines: int = 0  # Periods that ended without an answer: the motors kept the torques before
+    late_periods: int = 0  # Periods that began late because the simulation, not the controller, was slow
 
 
 class FolderController:

@@ -73,10 +73,8 @@ def spread(seconds: Sequence[float]) -> dict[str, float]:
     return {"p50": median, "p99": percentile, "maximum": max(seconds)}
 
 
-SEEDS = 10
-"""Runs of a rehearsal; in real time and in a perfect loop it is one."""
-MAX_DURATION = 600.0
-"""Maximum duration of a run (s)."""
+SEEDS = 10  # Runs of a rehearsal; in real time and in a perfect loop it is one
+MAX_DURATION = 600.0  # Maximum duration of a run (s)
 
 
 def rehearse(

@@ -31,8 +31,7 @@ SERIES = (DRIVEN, "#5aa9dd", LINK_1, "#f2b632", "#a3a09a")
 DASHES = ("-", "--", ":")
 HATCHES = ("", "////", "....")
 MAX_NAME_LENGTH = 40
-NUMBERED_BAR_WIDTH = 0.15
-"""Bars of this width have room for their number."""
+NUMBERED_BAR_WIDTH = 0.15  # Bars of this width have room for their number
 
 LOOKS: dict[str, dict[str, Any]] = {
     LINE: {},

@@ -23,19 +23,15 @@ LINE, THIN, DASHED, DOTS, BARS, PALE_BARS, RING, STAR = (
 class Curve:
     """Points over a panel's axes, joined or not; a row of NaN interrupts a line."""
 
-    name: str
-    """In the legend, which has each name once; empty for no entry."""
+    name: str  # In the legend, which has each name once; empty for no entry
     x: Float[np.ndarray, "rows"]
     y: Float[np.ndarray, "rows"]
-    colour: str | int = "ink"
-    """A colour of the theme, or the number of a series."""
+    colour: str | int = "ink"  # A colour of the theme, or the number of a series
     look: str = LINE
-    steps: bool = False
-    """Whether a line holds its value until the next row."""
+    steps: bool = False  # Whether a line holds its value until the next row
     interval: Float[np.ndarray, "rows 2"] | None = None
     """Lower and upper ends: a band around a line, error bars on bars."""
-    width: float = 0.0
-    """Width of a bar in units of x."""
+    width: float = 0.0  # Width of a bar in units of x
     time: Float[np.ndarray, "rows"] | None = None
     """When each row was (s), where x is something else: a page marks the player's time on the curve."""
 
@@ -59,15 +55,11 @@ class Panel:
     curves: Sequence[Curve]
     marks: Sequence[Mark] = ()
     title: str = ""
-    x_range: tuple[float, float] | None = None
-    """None for all that the curves need."""
+    x_range: tuple[float, float] | None = None  # None for all that the curves need
     y_range: tuple[float, float] | None = None
-    ticks: Sequence[str] = ()
-    """Names of x = 0, 1, 2, ...; empty for numbers."""
-    angles: str = ""
-    """Axes with angles, which have ticks at multiples of π: ``x``, ``y`` or neither."""
-    logarithmic: bool = False
-    """Whether the vertical axis is."""
+    ticks: Sequence[str] = ()  # Names of x = 0, 1, 2, ...; empty for numbers
+    angles: str = ""  # Axes with angles, which have ticks at multiples of π: x, y or neither
+    logarithmic: bool = False  # Whether the vertical axis is
 
 
 @dataclass(frozen=True)

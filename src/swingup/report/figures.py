@@ -26,12 +26,10 @@ from ..plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
 from .figure import BARS, DOTS, LINE, PALE_BARS, RING, STAR, THIN, Curve, Figure, Mark, Panel
 
 TIME = "time (s)"
-LINKS = ("link-1", "link-2")
-"""Colours of the joints' angles and velocities."""
+LINKS = ("link-1", "link-2")  # Colours of the joints' angles and velocities
 CURVE_KEYS = ("reward", "score")
 """The values of a row of metrics that learning curves show; a run has one of them."""
-RESETS_KEY = "termination_rate"
-"""A further value, of tasks whose steps may be cut at random."""
+RESETS_KEY = "termination_rate"  # A further value, of tasks whose steps may be cut at random
 MAX_DRAWN_NUMBER = 1e15
 """Maximum count or score: matplotlib's axes cannot show numbers near the maximum of floating point."""
 MAX_RESULT_BYTES = 1_000_000

@@ -20,14 +20,10 @@ from ..plant.plant import LEADERBOARD, PlantLike, Robot, get_robot
 FPS = 25.0
 SIZE = 320
 FILM_FORMATS = (".gif", ".webp")
-MAX_FPS = 50
-"""Maximum frames a second: viewers slow down films whose frames last less than 20 ms."""
-SIZE_RANGE = (32, 2048)
-"""Minimum and maximum height (pixels)."""
-MAX_DURATION = 600.0
-"""Maximum duration (s): a longer film comes from a wrong time or speed."""
-MAX_PIXELS = 300_000_000
-"""Maximum pixels of all frames together: Pillow holds a byte of each while it writes."""
+MAX_FPS = 50  # Maximum frames a second: viewers slow down films whose frames last less than 20 ms
+SIZE_RANGE = (32, 2048)  # Minimum and maximum height (pixels)
+MAX_DURATION = 600.0  # Maximum duration (s): a longer film comes from a wrong time or speed
+MAX_PIXELS = 300_000_000  # Maximum pixels of all frames together: Pillow holds a byte of each while it writes
 
 
 def animate(

@@ -43,8 +43,7 @@ from .log_report import LogReport
 
 SHOWN_CONTROLLERS = (DEFAULT, *ENTRANTS)
 """Controllers whose swing-ups the page shows: the default one and the paper's."""
-SHIPPED_CONTROLLERS = (DEFAULT, AR_EAPO)
-"""Shipped policies beside one that was trained just now."""
+SHIPPED_CONTROLLERS = (DEFAULT, AR_EAPO)  # Shipped policies beside one that was trained just now
 PUBLISHED_ROWS = (("AR-EAPO", "paper"), ("TVLQR", "paper"), ("History SAC", "board"))
 """Published rows beside it: the paper's method, its best baseline, and the best of the public leaderboard."""
 
@@ -54,8 +53,7 @@ LIVE_NOTE = (
 )
 """What the page says of the policy that drives the live pendulum."""
 
-THINNING = 5
-"""Every fifth of the benchmark's 500 rows a second: a film of 100 rows a second still looks smooth."""
+THINNING = 5  # Every fifth of the benchmark's 500 rows a second: a film of 100 rows a second still looks smooth
 DISTURBANCE = DisturbanceSettings(velocity_noise=0.05, torque_noise=0.2, pushes=PushRules(amplitude=(0.5, 3.0)))
 """What disturbs the disturbed swing-ups (rad/s, N m): as many pushes as on the robustness board, up to 3 N m."""
 
@@ -67,8 +65,7 @@ class Show:
     name: str
     runs: Mapping[str, Trajectory]
     """``undisturbed``, and ``disturbed`` as the section says, without the runs in which the controller failed."""
-    note: str | None = None
-    """Why a run is missing, or another remark."""
+    note: str | None = None  # Why a run is missing, or another remark
 
 
 @dataclass(frozen=True)
@@ -76,16 +73,13 @@ class Section:
     """What the page shows about one robot."""
 
     robot: str
-    plant: Plant
-    """A torque limit of 0 makes a joint passive."""
+    plant: Plant  # A torque limit of 0 makes a joint passive
     tables: Sequence[Table]
     shows: Sequence[Show]
-    disturbance: str
-    """What disturbs the disturbed trajectories, in one sentence."""
+    disturbance: str  # What disturbs the disturbed trajectories, in one sentence
     policy: PendulumPolicy | None = None
     """Drives the live pendulum; without a policy the page has no live pendulum."""
-    policy_note: str | None = None
-    """Which policy that is, in one sentence; None for nothing to say."""
+    policy_note: str | None = None  # Which policy that is, in one sentence; None for nothing to say
 
 
 def make_section(
@@ -180,8 +174,7 @@ SCRIPTS = ("figure.js", "physics.js", "pendulum.js", "player.js", "live.js", "ma
 
 PAGE_FORMATS = (".html", *FIGURE_FORMATS)
 
-MAX_SERIES = 8
-"""Maximum number of controllers in the robustness plot: ours first, then the best published ones."""
+MAX_SERIES = 8  # Maximum number of controllers in the robustness plot: ours first, then the best published ones
 
 
 def render_page(sections: Sequence[Section], title: str = "Swinging up double pendulums") -> str:

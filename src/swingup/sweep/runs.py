@@ -33,10 +33,8 @@ from ..learner.run import resume_run, start_run
 from ..learner.run_folder import RunFolder
 from ..learner.run_settings import RunSettings, read_run_settings
 
-Row = Mapping[str, Any]
-"""A row of a run's metrics."""
-MAX_RUNS = 10_000
-"""A sweep of more runs is taken for a typing error."""
+Row = Mapping[str, Any]  # A row of a run's metrics
+MAX_RUNS = 10_000  # A sweep of more runs is taken for a typing error
 LOCK_SECONDS = 10.0
 """How long a run waits for its folder (s): a worker of a sweep that was killed may hold it for a moment longer."""
 
@@ -45,8 +43,7 @@ LOCK_SECONDS = 10.0
 class Job:
     """One run of a sweep, in a form that travels between processes."""
 
-    variant: str
-    """Its varied settings as text; empty if nothing varies."""
+    variant: str  # Its varied settings as text; empty if nothing varies
     settings: RunSettings
     folder: Path
     frames: int

@@ -36,10 +36,8 @@ if TYPE_CHECKING:
     from optuna import Study, Trial
     from optuna.trial import FrozenTrial
 
-STORAGE = "study.db"
-"""Optuna's SQLite file."""
-RUNGS = 10
-"""Intermediate scores of a run: one a tenth."""
+STORAGE = "study.db"  # Optuna's SQLite file
+RUNGS = 10  # Intermediate scores of a run: one a tenth
 
 
 @dataclass(frozen=True)

@@ -40,10 +40,8 @@ MJCF = """<mujoco><option timestep="0.01" integrator="RK4"><flag constraint="dis
 IDS = {"swingup/AcrobotSwingup-v0": False, "swingup/AcrobotSwingupSparse-v0": True}
 """Gymnasium's ids of the task, and whether it is sparse."""
 
-RADIUS = 0.2
-"""Distance of the tip from its highest place within which a step earns 1 (m)."""
-AT_MARGIN = 0.1
-"""What a step earns 1 m further away."""
+RADIUS = 0.2  # Distance of the tip from its highest place within which a step earns 1 (m)
+AT_MARGIN = 0.1  # What a step earns 1 m further away
 
 
 class AcrobotSwingup(AbstractTask[PendulumState]):
@@ -124,10 +122,8 @@ MAGNIFICATION = (1000.0, 1000.0, 300.0, 300.0)
 """Factors of the links' horizontal directions and of the velocities (s/rad): what can be held becomes 10 wide."""
 TORQUES = SpaceActions((1,), "float32", (3,), np.array([-1]), np.array([-1]))
 """The choices of a policy: full torque backwards, none, full torque forwards."""
-ACTION_REPEAT = 2
-"""Steps of 10 ms for which an action is held in practice."""
-STARTS, STARTS_SEED = 2**17, 0
-"""How many starts are drawn for practice, and their seed."""
+ACTION_REPEAT = 2  # Steps of 10 ms for which an action is held in practice
+STARTS, STARTS_SEED = 2**17, 0  # How many starts are drawn for practice, and their seed
 
 
 class AcrobotPractice(AcrobotSwingup):
@@ -138,8 +134,7 @@ class AcrobotPractice(AcrobotSwingup):
 
     starts: Float[Array, "n 4"] | None = None
     """States to start from (rad, rad/s), such as :func:`~swingup.loop.starts.winnable_states`."""
-    start_share: float = 0.0
-    """Share of the episodes that start in one of them."""
+    start_share: float = 0.0  # Share of the episodes that start in one of them
 
     @property
     def actions(self) -> SpaceActions:

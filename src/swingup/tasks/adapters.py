@@ -17,8 +17,7 @@ from ..common.errors import SwingupError, attribute, errors_named_after, one_lin
 from ..common.types import Action, Key, Observation
 from .task import AbstractTask, SpaceActions, Step, space_actions, strongly_typed
 
-FINAL_OBSERVATION = "final_observation"
-"""The entry of ``step``'s info that a reset does not replace."""
+FINAL_OBSERVATION = "final_observation"  # The entry of step's info that a reset does not replace
 LEAVE_OUT = {
     "final_valid": "resets itself: leave AutoResetWrapper out, the learner resets",
     "unnormalized_obs": "normalises by statistics that a reset would lose: leave ObservationNormalizationWrapper "
@@ -60,10 +59,8 @@ def _has_methods(env: Any, *names: str) -> bool:
 class AdaptedState(eqx.Module):
     """State of an adapted task."""
 
-    inner: Any
-    """State of the environment, whose leaves are arrays of a fixed type, the one that loops carry."""
-    observation: Observation
-    """Its observation, flattened: environments return it with the state."""
+    inner: Any  # State of the environment, whose leaves are arrays of a fixed type, the one that loops carry
+    observation: Observation  # Its observation, flattened: environments return it with the state
 
     def __init__(self, inner: Any, observation: Any) -> None:
         self.inner, self.observation = jax.tree.map(strongly_typed, inner), _flat(observation)
@@ -72,12 +69,9 @@ class AdaptedState(eqx.Module):
 class AbstractAdaptedTask(AbstractTask[AdaptedState]):
     """A task around an environment with methods of its own."""
 
-    env: eqx.AbstractVar[Any]
-    """The environment."""
-    actions: SpaceActions
-    """Its actions, made from the policy's."""
-    observation_shape: tuple[int, ...] = eqx.field(static=True)
-    """Shape of its observation, which is flattened."""
+    env: eqx.AbstractVar[Any]  # The environment
+    actions: SpaceActions  # Its actions, made from the policy's
+    observation_shape: tuple[int, ...] = eqx.field(static=True)  # Shape of its observation, which is flattened
 
     @property
     def named_after(self) -> Any:

@@ -23,19 +23,15 @@ from .task import AbstractTask, PendulumStage, Step
 
 DIVERGED_VELOCITY = 1000.0
 """Velocity beyond which a state is no longer physics but an integration error (rad/s)."""
-UP_FRACTION = 0.9
-"""The tip is up above this fraction of l1 + l2, as in the benchmark's rules."""
-UP_LINE_WIDTH = 0.01
-"""Width of the smooth step in the reward at that height, for design C.1 (m)."""
+UP_FRACTION = 0.9  # The tip is up above this fraction of l1 + l2, as in the benchmark's rules
+UP_LINE_WIDTH = 0.01  # Width of the smooth step in the reward at that height, for design C.1 (m)
 
 
 class PendulumState(eqx.Module):
     """State of the task."""
 
-    x: State
-    """State of the pendulum, angles unwrapped (rad, rad/s)."""
-    steps: Count
-    """Steps since the last reset."""
+    x: State  # State of the pendulum, angles unwrapped (rad, rad/s)
+    steps: Count  # Steps since the last reset
 
 
 class AbstractPendulumTask(AbstractTask[PendulumState]):
@@ -46,30 +42,22 @@ class AbstractPendulumTask(AbstractTask[PendulumState]):
     and the number of steps in an episode have no unit. Source: AR-EAPO paper, section IV.
     """
 
-    robot: Robot = eqx.field(static=True)
-    """Which joint is driven."""
-    parameters: Plant
-    """The plant; the torque limit of the driven joint scales the action."""
-    observation: PendulumStage = PendulumStage()
-    """What the policy sees."""
-    dt: Annotated[float, TIME] = 0.01
-    """Time of one action (s): 100 Hz."""
+    robot: Robot = eqx.field(static=True)  # Which joint is driven
+    parameters: Plant  # The plant; the torque limit of the driven joint scales the action
+    observation: PendulumStage = PendulumStage()  # What the policy sees
+    dt: Annotated[float, TIME] = 0.01  # Time of one action (s): 100 Hz
     substeps: int = eqx.field(static=True, default=1)
     """Steps of RK4 in an action: more than one where friction is stiff."""
     state_cost: Annotated[tuple[float, ...], NUMBER, NUMBER, Unit(time=2), Unit(time=2)] = (50.0, 50.0, 4.0, 2.0)
     """Diagonal of Q (1/rad², s²/rad²)."""
-    torque_cost: Annotated[float, Unit(torque=-2)] = 1.0
-    """R (1/(N m)²)."""
-    reward_scale: float = 0.001
-    """α."""
+    torque_cost: Annotated[float, Unit(torque=-2)] = 1.0  # R (1/(N m)²)
+    reward_scale: float = 0.001  # α
     reset_noise: float = 0.01
     """Standard deviation of the initial state around hanging (rad, and rad/s times ``reset_rate``)."""
     reset_rate: Annotated[float, VELOCITY] = 1.0
     """Standard deviation of the initial velocities per that of the angles (1/s)."""
-    truncation_probability: float = 1e-3
-    """p_trunc: probability of a random truncation at each step."""
-    max_steps: int = eqx.field(static=True, default=1000)
-    """Steps after which the task is truncated in any case."""
+    truncation_probability: float = 1e-3  # p_trunc: probability of a random truncation at each step
+    max_steps: int = eqx.field(static=True, default=1000)  # Steps after which the task is truncated in any case
     cost_velocity_limit: Annotated[float, VELOCITY] = math.inf
     """Velocities count in the reward only up to ± this (rad/s). Not in the paper: if a policy spins the pendulum
     faster than it can observe, costs without bound would ruin the critic for millions of frames."""
@@ -147,12 +135,9 @@ class RecoveryTask(AbstractPendulumTask):
     r = -[(1 - w) (1 - exp(-cost / s)) + w down]. This is not the paper's reward; every number was chosen.
     """
 
-    starts: Float[Array, "n 4"] = eqx.field(kw_only=True)
-    """States that episodes begin in (rad, rad/s)."""
-    saturation: float = 0.3
-    """s: a quadratic cost that is already large."""
-    down_weight: float = 0.5
-    """w: share of the reward that depends only on whether the tip is up."""
+    starts: Float[Array, "n 4"] = eqx.field(kw_only=True)  # States that episodes begin in (rad, rad/s)
+    saturation: float = 0.3  # s: a quadratic cost that is already large
+    down_weight: float = 0.5  # w: share of the reward that depends only on whether the tip is up
     up_line_width: Annotated[float, LENGTH] = eqx.field(kw_only=True, static=True, default=UP_LINE_WIDTH)
     """Width of the smooth step at the line (m)."""
 

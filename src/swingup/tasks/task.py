@@ -29,10 +29,8 @@ StateT = TypeVar("StateT")
 class Spaces:
     """Sizes of a task's observations and actions, which fix the networks' shapes."""
 
-    observation_size: int
-    """Length of an observation."""
-    action_size: int
-    """Number of actions at a time."""
+    observation_size: int  # Length of an observation
+    action_size: int  # Number of actions at a time
     choices: tuple[int, ...] = ()
     """Number of alternatives of each action if actions are discrete; empty if each is a number in [-1, 1]."""
 
@@ -100,11 +98,9 @@ def strongly_typed(leaf: Any) -> jax.Array:
 class SpaceActions(eqx.Module):
     """Scales numbers in [-1, 1] to the bounds of a box, or counts choices from the first; in NumPy and in JAX."""
 
-    shape: tuple[int, ...] = eqx.field(static=True)
-    """Shape of the environment's action."""
+    shape: tuple[int, ...] = eqx.field(static=True)  # Shape of the environment's action
     dtype: str = eqx.field(static=True)
-    choices: tuple[int, ...] = eqx.field(static=True)
-    """Number of alternatives; empty for a box."""
+    choices: tuple[int, ...] = eqx.field(static=True)  # Number of alternatives; empty for a box
     low: Float[np.ndarray, "..."]
     """Lower bounds, in the shape of the action; of choices, the number of the first."""
     high: Float[np.ndarray, "..."]

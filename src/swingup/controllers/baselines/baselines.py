@@ -34,10 +34,8 @@ All settings are the published ones, except those of ``tvlqr-score``, which is o
 SHIPPED_TRAJECTORIES = {"published": "ilqr", "score": "score"}
 """Endings of the file names, by the optimisation's problem."""
 
-DESIGN_SEED = 0
-"""Seed of the swing-ups that are computed for other plants."""
-LARGEST_FINAL_ERROR = 0.1
-"""A swing-up ends within this of upright, in both angles (rad)."""
+DESIGN_SEED = 0  # Seed of the swing-ups that are computed for other plants
+LARGEST_FINAL_ERROR = 0.1  # A swing-up ends within this of upright, in both angles (rad)
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -47,16 +45,12 @@ class Design:
     """What a baseline is designed from: a similar pendulum in C.1's units, and the settings."""
 
     robot: Robot
-    model: Plant
-    """The similar pendulum, without dry friction."""
-    with_friction: Plant
-    """The plant with the dry friction of its passive joint."""
-    scales: Scales
-    """The plant's units as multiples of C.1's."""
+    model: Plant  # The similar pendulum, without dry friction
+    with_friction: Plant  # The plant with the dry friction of its passive joint
+    scales: Scales  # The plant's units as multiples of C.1's
     published: Published
     optimal: Optimal
-    shipped: bool
-    """Whether the package ships the model's swing-ups; others are computed."""
+    shipped: bool  # Whether the package ships the model's swing-ups; others are computed
 
     def reference(self, problem: str) -> Reference:
         """The similar pendulum's swing-up that optimises a problem, "published" or "score"."""
@@ -185,12 +179,9 @@ class InOwnUnits(AbstractController[tuple[Time, Any]]):
     """
 
     controller: AbstractController[Any]
-    limit: float
-    """The plant's motor's (N m)."""
-    coulomb: float
-    """The driven joint's Coulomb friction, which is added to the torque (N m)."""
-    scales: Scales
-    """The plant's units; not static, so that plants share a program."""
+    limit: float  # The plant's motor's (N m)
+    coulomb: float  # The driven joint's Coulomb friction, which is added to the torque (N m)
+    scales: Scales  # The plant's units; not static, so that plants share a program
     robot: Robot = eqx.field(static=True)
 
     def init(self) -> tuple[Time, Any]:

@@ -52,8 +52,7 @@ _SOLVER = ILQRSettings(
 class ContinuationSettings:
     """How plants move, and which swing-ups count."""
 
-    extra: float = 0.2
-    """Time after the nominal swing-up (s): other plants need longer to come to rest."""
+    extra: float = 0.2  # Time after the nominal swing-up (s): other plants need longer to come to rest
     final: StateFloats = (20.0, 20.0, 1.0, 1.0)
     """On squared errors of the last angles (rad) and velocities (rad/s). They are softer than the problem's own,
     since a regulator takes over there."""
@@ -61,18 +60,12 @@ class ContinuationSettings:
     """Added to the state's weights for the gains: the cost has no weight on q2, so that its own gains are weak."""
     gain_final: StateFloats = (10.0, 10.0, 1.0, 1.0)
     """Final weights for the gains. Larger ones make the gains near the end so large that steps fail."""
-    first_step: float = 0.1
-    """First step of λ."""
-    largest_step: float = 0.1
-    """Longer steps leap to other motions, of twice the cost."""
-    smallest_step: float = 0.01
-    """A plant whose step falls below this is given up."""
-    growth: float = 1.5
-    """A step is multiplied by this after a swing-up that counts."""
-    shrinkage: float = 0.4
-    """A step is multiplied by this after one that does not."""
-    rounds: int = 40
-    """Most steps of a plant, failed ones included."""
+    first_step: float = 0.1  # First step of λ
+    largest_step: float = 0.1  # Longer steps leap to other motions, of twice the cost
+    smallest_step: float = 0.01  # A plant whose step falls below this is given up
+    growth: float = 1.5  # A step is multiplied by this after a swing-up that counts
+    shrinkage: float = 0.4  # A step is multiplied by this after one that does not
+    rounds: int = 40  # Most steps of a plant, failed ones included
     max_cost: float = 0.25
     """A swing-up of larger cost does not count: it is another motion than the nominal one, whose cost is 0.15."""
     max_speed: float = 14.0
@@ -89,18 +82,12 @@ class SwingUps(eqx.Module):
     """A swing-up for each of n plants, from hanging at rest."""
 
     robot: Robot = eqx.field(static=True)
-    dt: Annotated[float, TIME] = eqx.field(static=True)
-    """Time between rows (s)."""
-    plants: Plant
-    """The plants at which they stand, leaves of shape (n,): the targets where they were reached."""
-    reached: Float[Any, "n"]
-    """λ of these plants: 1 at the target, 0 at the nominal plant."""
-    cost: Float[Any, "n"]
-    """NaN where no step was taken."""
-    states: Annotated[Float[Any, "n rows+1 4"], *STATE]
-    """[q1, q2, dq1, dq2] (rad, rad/s)"""
-    torque: Annotated[Float[Any, "n rows"], TORQUE]
-    """N m"""
+    dt: Annotated[float, TIME] = eqx.field(static=True)  # Time between rows (s)
+    plants: Plant  # The plants at which they stand, leaves of shape (n,): the targets where they were reached
+    reached: Float[Any, "n"]  # λ of these plants: 1 at the target, 0 at the nominal plant
+    cost: Float[Any, "n"]  # NaN where no step was taken
+    states: Annotated[Float[Any, "n rows+1 4"], *STATE]  # [q1, q2, dq1, dq2] (rad, rad/s)
+    torque: Annotated[Float[Any, "n rows"], TORQUE]  # N m
     gains: Annotated[Float[Any, "n rows 4"], TORQUE, TORQUE, DAMPING, DAMPING]
     """K (N m/rad, N m s/rad) of u + K (x - x_i)."""
 

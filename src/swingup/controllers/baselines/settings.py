@@ -22,12 +22,10 @@ from .upright import LQRSettings
 class TVLQRSettings:
     """A time-varying LQR along a trajectory, in discrete time."""
 
-    final_factor: float | None
-    """Q_f as a multiple of Q; None takes the S of the LQR at the top."""
+    final_factor: float | None  # Q_f as a multiple of Q; None takes the S of the LQR at the top
     state_weights: StateFloats = (0.64, 0.56, 0.13, 0.037)
     torque_weight: float = 0.82
-    pieces: int = 40
-    """Cubics of the piecewise fit of the trajectory and the gains."""
+    pieces: int = 40  # Cubics of the piecewise fit of the trajectory and the gains
 
 
 @dataclass(frozen=True)
@@ -35,13 +33,10 @@ class MPCSettings:
     """Model predictive control by iLQR along a trajectory."""
 
     tracking: TrackingWeights
-    upright: TrackingWeights
-    """Used once the horizon reaches the trajectory's end."""
+    upright: TrackingWeights  # Used once the horizon reaches the trajectory's end
     settings: ILQRSettings
-    dt: float = 0.002
-    """Length of a step (s)."""
-    horizon: int = 100
-    """States of a plan, with the present one."""
+    dt: float = 0.002  # Length of a step (s)
+    horizon: int = 100  # States of a plan, with the present one
     pieces: int = 40
 
 
@@ -67,8 +62,7 @@ class Published:
 
     swingup: SwingupProblem
     tvlqr: TVLQRSettings
-    tvlqr_threshold: StateFloats
-    """|errors| below which the LQR takes over from the TVLQR (rad, rad/s)."""
+    tvlqr_threshold: StateFloats  # |errors| below which the LQR takes over from the TVLQR (rad, rad/s)
     mpc_threshold: StateFloats
     riccati_threshold: StateFloats = (0.05, 0.05, 0.1, 0.1)
     lqr: LQRSettings = _PUBLISHED_LQR
@@ -194,8 +188,7 @@ OPTIMAL_SETTINGS = {
 """By the robot's name."""
 
 
-DURATIONS = (1.0, 1.5, 2.0)
-"""Multiples of a swing-up's duration on C.1 that are tried in turn."""
+DURATIONS = (1.0, 1.5, 2.0)  # Multiples of a swing-up's duration on C.1 that are tried in turn
 
 SEARCH = Search(
     ILQRSettings(
@@ -217,8 +210,7 @@ SEARCH = Search(
 )
 """How the published swing-up of another pendulum begins."""
 
-FINE_ITERATIONS = 60
-"""Most iterations of that swing-up on its fine grid, after the search on a coarse one."""
+FINE_ITERATIONS = 60  # Most iterations of that swing-up on its fine grid, after the search on a coarse one
 
 
 def published_for(published: Published, time: float) -> Published:

@@ -30,8 +30,7 @@ STATE_WEIGHT, TORQUE_WEIGHT = 10.0, 0.1
 class PiecewiseCubic(eqx.Module):
     """One cubic per piece for every channel; its value is constant before the first and after the last sample."""
 
-    starts: Float[Any, "pieces"]
-    """Time of each piece's first sample (s)."""
+    starts: Float[Any, "pieces"]  # Time of each piece's first sample (s)
     ends: Float[Any, "pieces"]
     """Time of each piece's last sample (s): a time between two pieces belongs to the later one."""
     coefficients: Float[Any, "pieces 4 channels"]
@@ -63,14 +62,11 @@ def fit_piecewise_cubic(
 class RiccatiController(AbstractController[None]):
     """u = u_n + K_n (x - x_n), where n is the row nearest in time, or the last one; angles are not wrapped."""
 
-    dt: float
-    """Time between rows (s)."""
+    dt: float  # Time between rows (s)
     states: Float[Any, "rows 4"]
     torque: Float[Any, "rows"]
-    gains: Float[Any, "rows 4"]
-    """K (N m/rad, N m s/rad)."""
-    limit: float
-    """The motor's (N m)."""
+    gains: Float[Any, "rows 4"]  # K (N m/rad, N m s/rad)
+    limit: float  # The motor's (N m)
     robot: Robot = eqx.field(static=True)
 
     def init(self) -> None:
@@ -138,8 +134,7 @@ def tvlqr(
     return TVLQR(fit_piecewise_cubic(reference.time, rows, pieces), float(parameters.limit(robot.joint)), robot)
 
 
-Plan = Float[Array, "n"]
-"""The driven joint's torques from now on (N m)."""
+Plan = Float[Array, "n"]  # The driven joint's torques from now on (N m)
 
 
 class MPC(AbstractExpensiveController[Plan]):

@@ -29,12 +29,9 @@ from ..stack.regulator import RegulatingController, with_regulator
 class LQRSettings:
     """Weights of ∫ xᵀQx + R u² dt, and the largest cost-to-go at which the LQR acts."""
 
-    state_weights: tuple[float, float, float, float]
-    """Diagonal of Q (1/rad², s²/rad²)."""
-    torque_weight: float
-    """R (1/N²m²)."""
-    max_cost_to_go: float
-    """No torque where xᵀSx is above this."""
+    state_weights: tuple[float, float, float, float]  # Diagonal of Q (1/rad², s²/rad²)
+    torque_weight: float  # R (1/N²m²)
+    max_cost_to_go: float  # No torque where xᵀSx is above this
 
 
 class LQR(AbstractController[None]):
@@ -86,8 +83,7 @@ def linearised(
 _linearise_rows = jax.jit(jax.vmap(linearise, in_axes=(None, 0, 0)))
 
 
-MAX_COST_TO_GO = 1e6
-"""The regulator acts below this."""
+MAX_COST_TO_GO = 1e6  # The regulator acts below this
 HAND_OVER = (0.4, 0.4, 1.5, 1.5)
 """|errors| below which the regulator takes over from a swing-up (rad, rad/s), in C.1's units. Friction keeps the
 motion from the published ones, which are a quarter of these and less."""
@@ -148,10 +144,8 @@ class LatchingSwitch(AbstractController[SwitchMemory]):
 
     first: AbstractController[Any]
     second: AbstractController[Any]
-    threshold: Float[np.ndarray, "4"]
-    """rad, rad/s"""
-    robot: Robot = eqx.field(static=True)
-    """Which joint is driven."""
+    threshold: Float[np.ndarray, "4"]  # rad, rad/s
+    robot: Robot = eqx.field(static=True)  # Which joint is driven
 
     def init(self) -> SwitchMemory:
         """Both controllers' first memories; the first controller acts."""

@@ -59,8 +59,7 @@ class EstimatorMemory(NamedTuple):
     """What is remembered from call to call."""
 
     estimator: EstimatorState
-    controller: Any
-    """What the controller behind remembers."""
+    controller: Any  # What the controller behind remembers
 
 
 class EstimatingController(AbstractController[EstimatorMemory]):
@@ -68,11 +67,9 @@ class EstimatingController(AbstractController[EstimatorMemory]):
 
     controller: AbstractController[Any]
     """The controller behind; one that depends on its plant is called for the identified one."""
-    plant: Plant = eqx.field(static=True)
-    """The model, with the motor's torque limit."""
+    plant: Plant = eqx.field(static=True)  # The model, with the motor's torque limit
     settings: EstimatorSettings = eqx.field(static=True)
-    robot: Robot = eqx.field(static=True)
-    """Which joint is driven."""
+    robot: Robot = eqx.field(static=True)  # Which joint is driven
     identifier: IdentifierSettings | None = eqx.field(static=True, default=None)
     """Settings of the identifier of the plant; None for the nominal model."""
     prior: tuple[Float[Array, "n"], Float[Array, "n n"]] | None = None

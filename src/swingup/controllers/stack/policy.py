@@ -112,14 +112,10 @@ def _layer_of(linear: Linear) -> Layer:
 class PolicyController(AbstractPlantController[None]):
     """The deterministic policy, called at whatever rate the loop runs."""
 
-    policy: Policy[Actor]
-    """From a state [q1, q2, dq1, dq2] to an action in [-1, 1]."""
-    torque_limit: float
-    """Torque of an action of 1 (N m)."""
-    robot: Robot = eqx.field(static=True)
-    """Which joint is driven."""
-    plant: Plant = eqx.field(static=True, default=LEADERBOARD)
-    """The plant that the policy was made for."""
+    policy: Policy[Actor]  # From a state [q1, q2, dq1, dq2] to an action in [-1, 1]
+    torque_limit: float  # Torque of an action of 1 (N m)
+    robot: Robot = eqx.field(static=True)  # Which joint is driven
+    plant: Plant = eqx.field(static=True, default=LEADERBOARD)  # The plant that the policy was made for
     base: Float[Any, "9"] | None = None
     """θ of the plant that it sees where a call does not say; None for that of ``plant``."""
 

@@ -19,35 +19,27 @@ from ..interface import AbstractController, AbstractPlantController, call_for_pl
 from ..swingups.transition import Matrix, Vector, dot, symmetric_times, unpack
 from .estimator import JAX
 
-TRIANGLE = np.triu_indices(5)
-"""Rows and columns of what is remembered of P, row by row."""
+TRIANGLE = np.triu_indices(5)  # Rows and columns of what is remembered of P, row by row
 
 
 class RegulatorMemory(NamedTuple):
     """What is remembered from call to call."""
 
     regulator: RegulatorState
-    controller: Any
-    """What the policy remembers."""
+    controller: Any  # What the policy remembers
 
 
 class RegulatingController(AbstractPlantController[RegulatorMemory]):
     """A policy, and near the top the linear quadratic regulator."""
 
-    controller: AbstractController[Any]
-    """The policy; it is called always."""
-    base: Float[Any, "9"]
-    """θ of the plant that it holds, where a call does not say."""
-    start: Float[np.ndarray, "15"]
-    """P at first, its upper triangle; this and what follows are in C.1's units."""
-    torque_limit: float
-    """Largest torque of the regulator."""
+    controller: AbstractController[Any]  # The policy; it is called always
+    base: Float[Any, "9"]  # θ of the plant that it holds, where a call does not say
+    start: Float[np.ndarray, "15"]  # P at first, its upper triangle; this and what follows are in C.1's units
+    torque_limit: float  # Largest torque of the regulator
     geometry: Geometry = eqx.field(static=True)
     settings: RegulatorSettings = eqx.field(static=True)
-    scales: Scales = eqx.field(static=True)
-    """The plant's units."""
-    robot: Robot = eqx.field(static=True)
-    """Which joint is driven."""
+    scales: Scales = eqx.field(static=True)  # The plant's units
+    robot: Robot = eqx.field(static=True)  # Which joint is driven
 
     @property
     def inner_controller(self) -> AbstractController[Any]:

@@ -24,11 +24,9 @@ from .ilqr import Cost, ILQRSettings, Solution, Status, feedback_gains, forward,
 from .reference import Reference
 from .transition import AbstractTransition, PendulumTransition, TorqueRateTransition, unpack
 
-SEARCHED_ERROR = 0.05
-"""A search is over when a motion ends this close to upright, in both angles (rad)."""
+SEARCHED_ERROR = 0.05  # A search is over when a motion ends this close to upright, in both angles (rad)
 
-RESTING_STATE = np.append(UPRIGHT, 0.0)
-"""[π, 0, 0, 0, 0]: upright at rest, without torque."""
+RESTING_STATE = np.append(UPRIGHT, 0.0)  # [π, 0, 0, 0, 0]: upright at rest, without torque
 
 
 @dataclass(frozen=True)
@@ -49,22 +47,17 @@ class Search:
     """The first torques, and their optimisation on a coarse grid."""
 
     settings: ILQRSettings
-    steps: int
-    """Steps of the coarse grid."""
-    starts: int
-    """Guesses."""
+    steps: int  # Steps of the coarse grid
+    starts: int  # Guesses
     amplitude: float
     """Largest standard deviation of a guess's sines (N m). Large guesses end in worse optima."""
-    waves: tuple[float, ...]
-    """Periods of the sines in the whole duration."""
+    waves: tuple[float, ...]  # Periods of the sines in the whole duration
     sizes: tuple[float, float] = (0.0, 1.0)
     """The amplitude of each guess is multiplied by a number between these."""
-    first_torque: float = 0.0
-    """The torque at t = 0 is drawn from ± this (N m), where its rate is what costs."""
+    first_torque: float = 0.0  # The torque at t = 0 is drawn from ± this (N m), where its rate is what costs
     spread: float = 0.0
     """The best result is optimised again from torques at t = 0 that differ by up to this (N m)."""
-    final: StateFloats | None = None
-    """Final weights on the coarse grid; None for the problem's own."""
+    final: StateFloats | None = None  # Final weights on the coarse grid; None for the problem's own
     durations: tuple[float, ...] = (1.0,)
     """Multiples of the problem's duration. The next one is tried where a motion does not end upright."""
 
@@ -87,18 +80,14 @@ class SwingupProblem:
 
     weights: TrackingWeights
     settings: ILQRSettings
-    dt: float
-    """Length of a step (s)."""
+    dt: float  # Length of a step (s)
     steps: int
     rate: float | None = None
     """Weight of the square of the torque's rate, which is then the input that the settings limit. All weights of
     stages are then per second. None: the torque is the input."""
-    final_torque: float = 0.0
-    """Weight of the square of the last torque, where its rate has a weight."""
-    gain_regularisation: float = 0.0
-    """μ of the backward pass for the feedback gains: 0 for LQ-optimal ones."""
-    first_torque: float = 0.0
-    """Without a search the first guess is uniform between 0 and this (N m)."""
+    final_torque: float = 0.0  # Weight of the square of the last torque, where its rate has a weight
+    gain_regularisation: float = 0.0  # μ of the backward pass for the feedback gains: 0 for LQ-optimal ones
+    first_torque: float = 0.0  # Without a search the first guess is uniform between 0 and this (N m)
     search: Search | None = None
 
     def pendulum_cost(self, steps: int, final: StateFloats | None = None) -> Cost:

@@ -49,19 +49,15 @@ class CostedTrajectory(eqx.Module):
 
     x: Vector
     u: Number
-    last: Vector
-    """x_n"""
-    cost: Scalar
-    """J"""
+    last: Vector  # x_n
+    cost: Scalar  # J
 
 
 class FeedbackPolicy(eqx.Module):
     """u = u_i + k_i + K_i (x - x_i); rows i < n."""
 
-    feedforward: Number
-    """k"""
-    gains: Vector
-    """K"""
+    feedforward: Number  # k
+    gains: Vector  # K
 
 
 def backward(
@@ -146,14 +142,11 @@ def _square(weights: Float[Any, "4"], x: Vector, target: Float[Any, "*n 4"]) -> 
 class Status(enum.IntEnum):
     """How an optimisation ended, as a value of its result."""
 
-    RUNNING = 0
-    """It has not ended."""
-    CONVERGED = 1
-    """The backward pass expects less than the tolerance: use the result."""
+    RUNNING = 0  # It has not ended
+    CONVERGED = 1  # The backward pass expects less than the tolerance: use the result
     STALLED = 2
     """Nothing improves at the largest regularisation: at an optimum to rounding, or the derivatives are wrong."""
-    ITERATION_LIMIT = 3
-    """The cost may still fall: allow more iterations."""
+    ITERATION_LIMIT = 3  # The cost may still fall: allow more iterations
 
 
 @dataclasses.dataclass(frozen=True)
@@ -161,18 +154,13 @@ class ILQRSettings:
     """The iteration's limits, and how it adapts the regularisation."""
 
     max_iterations: int
-    tolerance: float
-    """Stop when the backward pass expects the cost to fall by less than this."""
-    regularisation: float
-    """μ at the start."""
+    tolerance: float  # Stop when the backward pass expects the cost to fall by less than this
+    regularisation: float  # μ at the start
     min_regularisation: float
     max_regularisation: float
-    torque_limit: float
-    """N m"""
-    decrease: float = 0.7
-    """μ is multiplied by this after an improvement."""
-    increase: float = 2.0
-    """μ is multiplied by this after an iteration without improvement."""
+    torque_limit: float  # N m
+    decrease: float = 0.7  # μ is multiplied by this after an improvement
+    increase: float = 2.0  # μ is multiplied by this after an iteration without improvement
     step_sizes: tuple[float, ...] = (1.0,)
     """Factors of the feedforward that a line search tries side by side; (1.0,) searches nothing."""
 
@@ -184,8 +172,7 @@ class Solution(eqx.Module):
     torque: Float[Array, "n"]
     cost: Scalar
     iterations: Count
-    regularisation: Scalar
-    """μ after the last iteration."""
+    regularisation: Scalar  # μ after the last iteration
     status: Count
     """A :class:`Status`."""
 
@@ -193,8 +180,7 @@ class Solution(eqx.Module):
 class ILQRState(eqx.Module):
     """An optimisation between two iterations."""
 
-    trajectory: CostedTrajectory
-    """The best trajectory so far."""
+    trajectory: CostedTrajectory  # The best trajectory so far
     regularisation: Scalar
     iteration: Count
     status: Count

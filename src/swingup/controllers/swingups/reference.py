@@ -31,12 +31,9 @@ class Reference(eqx.Module):
     """A trajectory x_{n+1} = f(x_n, u_n) of the driven joint's torques, with feedback gains along it."""
 
     robot: Robot = eqx.field(static=True)
-    dt: Annotated[float, TIME]
-    """Time between rows (s)."""
-    states: Annotated[Float[Any, "rows 4"], *STATE]
-    """[q1, q2, dq1, dq2] (rad, rad/s)"""
-    torque: Annotated[Float[Any, "rows"], TORQUE]
-    """N m"""
+    dt: Annotated[float, TIME]  # Time between rows (s)
+    states: Annotated[Float[Any, "rows 4"], *STATE]  # [q1, q2, dq1, dq2] (rad, rad/s)
+    torque: Annotated[Float[Any, "rows"], TORQUE]  # N m
     gains: Annotated[Float[Any, "rows 4"], TORQUE, TORQUE, DAMPING, DAMPING]
     """K (N m/rad, N m s/rad) of u + K (x - x_i)."""
 

@@ -17,11 +17,9 @@ from ...dynamics.trigonometry import arctan, sine_cosine
 from ...plant.equations import Number, acceleration, friction
 from ...plant.plant import Plant, lump
 
-Vector: TypeAlias = tuple[Number, ...]
-"""Entries."""
+Vector: TypeAlias = tuple[Number, ...]  # Entries
 
-Matrix: TypeAlias = tuple[Vector, ...]
-"""Rows; of a symmetric matrix only row i's entries from column i on."""
+Matrix: TypeAlias = tuple[Vector, ...]  # Rows; of a symmetric matrix only row i's entries from column i on
 
 
 def unpack(array: Any) -> Vector:
@@ -91,10 +89,8 @@ class PendulumTransition(AbstractTransition):
     parameters: Plant
     """Python floats are compiled into the program, which is faster, and a friction of zero then costs nothing.
     Arrays, or values that are traced, let one program serve many plants."""
-    joint: int = eqx.field(static=True)
-    """Index of the driven joint."""
-    dt: float = eqx.field(static=True)
-    """Length of the step (s)."""
+    joint: int = eqx.field(static=True)  # Index of the driven joint
+    dt: float = eqx.field(static=True)  # Length of the step (s)
     exact: bool = eqx.field(static=True, default=True)
     """Whether the Jacobian is exact; otherwise it is right up to dt² and three times as fast."""
 
