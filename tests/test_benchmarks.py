@@ -182,3 +182,13 @@ def test_the_optimum_of_a_plant_is_held_and_scored(script):
     assert found.reached
     assert found.held
     assert found.score == pytest.approx(0.69, abs=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", ["mujoco", "ppo"])
+def test_constants_and_units_of_rewards_and_observations_do_not_matter(preset, script):
+    """Pendulum-v1 itself pays about -1,200 before it is learned, and -150 at its best."""
+    constants = script("constants")
+    learn = constants.learner(preset, 1, 300_000)
+    returns = {str(change): learn(constants.Pendulum(**change)).item() for change in constants.CHANGES}
+    assert min(returns.values()) > -300, returns

@@ -4,6 +4,7 @@ import json
 import math
 import multiprocessing
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -17,7 +18,7 @@ import pytest
 
 import swingup
 from refusals import refusal
-from swingup.cli import main
+from swingup.cli import main, sweeping
 from swingup.cli.sweeping import _alternatives
 from swingup.common.errors import SwingupError
 from swingup.learner.metrics import read_metrics
@@ -395,3 +396,19 @@ def test_a_dask_worker_is_killed_and_no_run_is_lost(tmp_path):
     assert killed
     assert scores(rows) == scores(inline(jobs_of(tmp_path / "here", (0, 1, 2, 3), 128 * 6)))
     assert [trial.state.name for trial in study.trials] == ["COMPLETE", "COMPLETE"]
+
+
+def test_what_an_executor_raises_is_an_outcome(tmp_path, monkeypatch):
+    raised = Future()
+    raised.set_exception(KeyError("killed"))  # as Dask does with a job that has killed several workers
+    monkeypatch.setattr(ThreadPoolExecutor, "submit", lambda *_: raised)
+    assert inline(jobs_of(tmp_path)) == [{"error": "KeyError: 'killed'"}]
+
+
+def test_a_sweep_of_one_seed_has_no_interval_and_a_plain_folder(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sweeping, "run_jobs", lambda jobs, pool, progress: [{"score": 84.2, "best_score": 90.0}])
+    assert main(["sweep", "--env", "gymnasium:CartPole-v1", "--seeds", "1"]) == 0
+    assert re.search(r"84\.2 +– +90", capsys.readouterr().out)
+    (row,) = json.loads((tmp_path / "sweeps" / "gymnasium-CartPole-v1-mujoco" / "sweep.json").read_text())
+    assert (row["score"], row["interval"]) == (84.2, None)

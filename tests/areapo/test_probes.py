@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.areapo import algorithm
+from swingup.areapo import algorithm, rewards
 from swingup.areapo.config import Config
 from swingup.areapo.state import reward_unit
 from swingup.learner.presets import PRESETS
@@ -157,3 +157,23 @@ def test_a_reset_cost_is_the_multiplier_of_a_rate_of_terminations():
     cost = 1 - temperature * np.log(rate / (1 - rate))
     _, metrics = learn(Trap(), temperature=temperature, reset_cost=cost)
     assert metrics.reward == pytest.approx(rate, rel=0.05)
+
+
+@pytest.mark.slow
+def test_discounted_values_of_a_terminating_task():
+    # Three steps of reward 1 and the end: v(s0) = 1 + γ + γ² with γ = 0.5. The probe's one state hides the step,
+    # so that its value is the mean over the three steps: (1.75 + 1.5 + 1) / 3.
+    state, _ = learn(
+        Constant(max_steps=3, terminates=True), temperature=0.0, gain="none", terminations="end",
+        centre_values=False, discount=(0.5, 0.5), num_steps=30, batch_size=96,
+    )  # fmt: skip
+    assert values(state, [0.0])[0, 0] == pytest.approx((1.75 + 1.5 + 1.0) / 3, rel=0.02)
+
+
+@pytest.mark.slow
+def test_the_reset_cost_ends_at_zero_where_the_target_permits_the_best_policy(monkeypatch):
+    monkeypatch.setattr(rewards, "TERMINATION_TARGET", 0.95)
+    # Without a cost the odds are exp(1 / 0.5), a probability of 0.88.
+    state, metrics = learn(Trap(), temperature=0.5, terminations="adaptive_cost", reset_cost=1.0)
+    assert float(state.reset_cost) == 0.0
+    assert metrics.reward == pytest.approx(1 / (1 + np.exp(-2)), rel=0.02)

@@ -1,6 +1,7 @@
 """Recordings: no warning of honest runs and robots, one at least of each kind of forgery, which gets no score."""
 
 import dataclasses
+import json
 from pathlib import Path
 
 import jax
@@ -13,6 +14,7 @@ from swingup import BOARDS, SwingupError, get_controller, judge, score
 from swingup.benchmark.plausibility import examine
 from swingup.benchmark.recording import load_trajectory
 from swingup.benchmark.rollout import Trajectory
+from swingup.cli import main
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.equations import mass_entries
 from swingup.plant.files import load_plant
@@ -215,3 +217,18 @@ def test_own_recordings_keep_their_scores(robot, board):
         again = score(found.trajectory, robot, board)
         if found.runs[0].score > 0:
             assert again.score == pytest.approx(found.runs[0].score)
+
+
+def test_command_shows_rate_and_warnings(tmp_path, capsys):
+    path = tmp_path / "teleport.csv"
+    rows = [f"{t!r},{0 if t < 0.01 else np.pi!r},0,0,0,0,0" for t in TIME.tolist()]
+    path.write_text("\n".join(["time,pos1,pos2,vel1,vel2,tau1,tau2", *rows]), encoding="utf-8")
+    words, fault = ["score", str(path), "--robot", "acrobot"], "its positions move by 3.14 rad within 0.1 s"
+    assert main(words) == 2
+    out, error = capsys.readouterr()
+    assert (out, error.count("\n")) == ("", 1)
+    assert f"teleport: {fault}" in error
+    assert main([*words, "--json", "--force"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["warnings"][0].startswith(f"positions_against_velocities: {fault}")
+    assert result["score"] > 0.99

@@ -65,3 +65,21 @@ def test_a_shipped_swing_up_is_written_at_once(run):
         run(f"export tvlqr-score --robot pendubot --to trajectory --out {file}")
     np.testing.assert_array_equal(np.genfromtxt("a.csv", delimiter=",", names=True)["tau1"], expected)
     np.testing.assert_array_equal(load_reference("a.safetensors")[0].torque, expected)
+
+
+def test_a_folder_for_cloudpendulum(run, tmp_path):
+    told = run("export adaptive --robot acrobot --to cloudpendulum --out cell").splitlines()
+    assert told[0].endswith("cell/controller_swingup.py")
+    assert told[2].startswith("it may command 6 N m at the elbow")
+    assert '"velocity_limit": 50.0' in (tmp_path / "cell/controller_swingup.py").read_text()
+    readme = (tmp_path / "cell/README.md").read_text()
+    assert readme.startswith("# swingup for CloudPendulum, acrobot")
+    assert "@" not in readme
+
+
+def test_graphs_and_headers(run, tmp_path):
+    pytest.importorskip("onnx", reason="onnx is not installed")
+    for form, start in (("onnx", b"\x08"), ("c", b"/*")):
+        told = run(f"export --robot acrobot --to {form} --out {form}")
+        assert (tmp_path / form).read_bytes().startswith(start)
+        assert ("without estimator, identifier, regulator and a safety guard" in told) == (form == "onnx")

@@ -157,3 +157,17 @@ def test_the_real_robots_boards(run, run_json, tmp_path, change_boards, entrants
     entrants("lqr")
     sources = {tuple(line.split()[:2]) for line in run("leaderboard pendubot --board icra-real").splitlines()}
     assert {("lqr", "ours"), ("AR-EAPO", "robot"), ("VIMPPI", "robot")} <= sources
+
+
+def test_leaderboard_formats(run, run_json, entrants):
+    entrants("lqr")
+    brief = "leaderboard acrobot --board hardware --controller mine:plain,mine:nan"
+    rows = run_json(brief)
+    names = [row["controller"] for row in rows]
+    assert set(names) == {"lqr", "mine:plain", NAN}
+    assert "not finite" in next(row["remark"] for row in rows if row["controller"] == NAN)
+    assert [row["controller"] for row in csv.DictReader(io.StringIO(run(brief, "--csv")))] == names
+    markdown = run(brief, "--markdown")
+    assert "### Board hardware, acrobot" in markdown
+    assert "| **lqr** | **ours** |" in markdown
+    assert f"{NAN}: " in markdown

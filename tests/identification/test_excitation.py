@@ -10,7 +10,17 @@ from swingup import identify, load_plant
 from swingup.cli import main
 from swingup.common.table import write_columns
 from swingup.identification import excitation as search
-from swingup.identification.excitation import PERIOD, Sequences, corner_models, draw_models, simulate
+from swingup.identification.excitation import (
+    PERIOD,
+    REST,
+    SHARES,
+    TILTS,
+    Sequences,
+    corner_models,
+    draw_models,
+    multisines,
+    simulate,
+)
 from swingup.identification.prediction import INDEX, integration_of, vector_of
 from swingup.identification.recording import read_recording
 from swingup.identification.results import TITLES, prior_around
@@ -182,3 +192,19 @@ def test_an_excitation_lets_identify_find_a_plant_of_the_prior(tmp_path):
         title, value = TITLES.get(name, name), truth[0, INDEX[name]]
         assert found.values[title] == pytest.approx(value, rel=0.08)
         assert found.determined[title]
+
+
+def test_motions_start_and_end_at_rest_and_no_two_are_alike():
+    motions = multisines(4.0, 0.75, 2.0, np.array([1.0, 0.0]))
+    assert len(motions) == len(TILTS) * len(SHARES) == 12
+    q, dq = motions[..., :2], motions[..., 2:]
+    assert np.all(q[..., 1] == 0)
+    reached = np.abs(q[..., 0]).max(axis=1).reshape(len(TILTS), len(SHARES))
+    assert np.all(reached <= 2.0 * np.array(SHARES)[:, 0] + 1e-12)
+    assert np.all(reached > np.array(SHARES)[:, 0])
+    assert np.all(q[:, 0] == 0)
+    assert np.all(motions[:, round((1 - REST) * 4.0 / PERIOD) + 1 :] == 0)
+    assert np.diff(q, axis=1) / PERIOD == pytest.approx(0.5 * (dq[:, 1:] + dq[:, :-1]), abs=0.03)
+    both = multisines(10.0, 0.75, 2.0, np.ones(2))[..., :2]
+    alike = np.corrcoef(np.concatenate([each.T for each in both]))[::2, 1::2]
+    assert np.all(np.abs(np.diag(alike)) < 0.3)

@@ -10,6 +10,7 @@ import pytest
 from synthetic import OFFSETS, TRUTH, simulate, write
 
 import swingup
+from refusals import refusal
 from swingup.identification import fit as bootstrap
 from swingup.identification import prediction
 from swingup.identification.fit import Evaluator, linearise
@@ -146,3 +147,11 @@ def test_a_fit_is_never_worse_than_its_start(logs, monkeypatch):
     assert fitted <= start
     assert "worse than the starting plant" in found.notes[0]
     assert not np.allclose(found.models[0], spoilt[0].models[0])
+
+
+def test_columns_of_another_sign_are_named(tmp_path, logs):
+    assert "unknown known value 'mass'" in refusal(swingup.identify, logs[:1], known={"mass": 1.0})
+    assert "2 sessions for 1 logs" in refusal(swingup.identify, logs[:1], sessions=["a", "b"])
+    table = np.loadtxt(logs[0], delimiter=",", skiprows=1) * [*5 * [1], -1, -1]
+    message = refusal(swingup.identify, [write(tmp_path / "wrong.csv", table)])
+    assert message.endswith("--columns u1=-tau_con1 u2=-tau_con2, or take it as it is with --force")

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode
 
 from array_files import change_file
 from policies import load_any_policy
@@ -273,3 +274,25 @@ def test_the_docstrings_example():
     from swingup.learner import agent
 
     assert doctest.testmod(agent) == (0, 4)
+
+
+def test_evaluation_elsewhere(monkeypatch):
+    closed = []
+    monkeypatch.setattr(Stairs, "close", lambda self: closed.append(self))
+    model = AREAPO(chains(2, "cycle", AutoresetMode.NEXT_STEP), **TINY)
+    for wrong, named in (
+        ({}, "pass evaluate another"),
+        ({"env": Noisy}, "the policy sees 1 numbers, the environment shows 2"),
+        ({"episodes": 3, "env": Stairs}, "policy's actions are 1 choices of 3, the environment's are 2 num"),
+        *(({"episodes": episodes, "env": Stairs}, "episodes = ") for episodes in (-1, "2")),
+    ):
+        assert named in refusal(model.evaluate, **wrong)
+    assert len(closed) >= 1  # what it made
+    assert model.evaluate(env=chains(3, "walk"))["mean_length"] == 4.0
+
+
+def test_a_robot_by_name():
+    model = AREAPO("pendubot", **{**TINY, "evaluation_episodes": 1})
+    assert (model.settings.preset, model.settings.problem.name) == ("default", "pendubot")
+    assert model.predict(np.zeros(4)).shape == (1,)
+    assert 0.0 <= model.evaluate()["score"] < 0.1

@@ -17,6 +17,7 @@ from swingup.areapo.config import Config
 from swingup.areapo.initial import begin_episodes, init_learner
 from swingup.areapo.state import LossMetrics
 from swingup.learner import compiled_backend
+from swingup.learner import host_backend as host
 from swingup.learner.environments import make_environments
 from swingup.learner.host_backend import HostBackend, collect_on_host
 from swingup.tasks.task import Step
@@ -180,3 +181,21 @@ def test_a_program_trains_on_the_cores_that_it_asked_for():
         environment = os.environ | {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"}
         shown = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True)
         assert shown.stdout.strip() == str(expected), shown.stderr
+
+
+def test_nothing_is_compiled_twice():
+    # Episodes of three steps: rows with and without an end both come in the first rollout.
+    backend = HostBackend(Stairs, "stairs", TINY, [0], 0)
+    state, _ = backend.train(backend.begin(backend.init(), 0), 1)
+    compiled = (host._sample, host._noise, host._advance, host._update)
+    before = [function._cache_size() for function in compiled]
+    state, _ = backend.train(state, 2)
+    backend.train(backend.begin(state, 3), 1)
+    assert [function._cache_size() for function in compiled] == before
+
+
+def test_after_the_first_computation_nothing_changes():
+    before = jax.device_count()
+    compiled_backend.share_cores(64)
+    assert jax.device_count() == before
+    assert jax.config.values["jax_cpu_enable_async_dispatch"]

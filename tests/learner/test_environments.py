@@ -211,3 +211,32 @@ def test_a_worker_that_hangs_is_not_waited_for(monkeypatch):
     monkeypatch.setattr("swingup.learner.environments.PATIENCE", 0.2)
     assert "a worker of AsyncVectorEnv did not answer" in refusal(environments.step, ZEROS)
     assert not any(process.is_alive() for process in env.processes)
+
+
+def spoilt_stairs(*given):
+    return spoilt(Stairs(), *given)
+
+
+def exits(*_):
+    raise SystemExit(3)
+
+
+FAULTS = {
+    "step": [
+        lambda o, r, e, t, i: (o, r, e, i), lambda *_: None, lambda o, r, *e: (o, np.ones(1), *e),
+        lambda o, r, *e: (o, "1.5", *e), lambda o, r, e, *t: (o, r, np.nan, *t),
+        lambda o, r, e, t, i: (o, r, e, "no", i), lambda o, *r: (np.zeros(4), *r), exits,
+    ],
+    "reset": [lambda o, i: o],
+    "late": [lambda o, i: (o * np.nan, i)],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("method", FAULTS)
+def test_environments_that_fail(method):
+    for changed in FAULTS[method]:
+        given = ("reset", changed, 1) if method == "late" else (method, changed)
+        make = functools.partial(spoilt_stairs, *given)
+        for env in (make, SyncVectorEnv([make] * 2, autoreset_mode=AutoresetMode.SAME_STEP)):
+            told = refusal(begin_and_step, make_environments(env, 2), ZEROS, steps=4)
+            assert "stairs" in told.lower() or "SyncVectorEnv" in told

@@ -20,6 +20,7 @@ from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
 from swingup.learner.problem import make_problem
 from swingup.learner.run import Run, resume_run, start_run
+from swingup.learner.run_folder import RunFolder
 from swingup.learner.run_settings import RunSettings, make_run_settings, run_settings_from_dict, write_run_settings
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD
@@ -309,3 +310,12 @@ def test_options_of_networks_rewards_and_schedules_resume(tmp_path, option, env)
     # A file does not say that the deviation's weights were not to learn: they are 0.
     for found, expected in zip(jax.tree.leaves(loaded.actor), jax.tree.leaves(kept), strict=True):
         np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.slow
+def test_the_last_policy_is_on_the_disk_before_its_checkpoint(tmp_path, monkeypatch):
+    saved, last = {}, tmp_path / "r" / "last.safetensors"
+    monkeypatch.setattr(RunFolder, "save_checkpoint", lambda _, frames, *__: saved.update({frames: last.exists()}))
+    run(tmp_path / "r", 2)
+    assert saved.pop(0) is False
+    assert saved == {128: True}

@@ -1,5 +1,7 @@
 """Domains: what plants and loops are drawn from, what is refused, and a plant in the loop of a domain."""
 
+from importlib import resources
+
 import jax
 import numpy as np
 import pytest
@@ -194,3 +196,10 @@ def test_a_plant_of_facts():
     assert resolve("C.1").facts == load_plant("C.1")
     assert str(resolve("C.1").frictionless().facts) == str(load_plant("C.1").frictionless())
     assert "m1 = [0.5, 0.6] is a range" in refusal(lambda: resolve(domain={"plant": "C.1", "m1": [0.5, 0.6]}).facts)
+
+
+@pytest.mark.parametrize("name", ["identified", "recorded"])
+def test_every_number_of_the_package_says_where_it_comes_from(name):
+    text = (resources.files("swingup.loop") / "domains" / f"{name}.yml").read_text(encoding="utf-8")
+    rows = [line for line in text.splitlines() if line and not line.startswith("#")]
+    assert all("Source:" in row or "Chosen" in row for row in rows)

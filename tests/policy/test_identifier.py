@@ -341,3 +341,23 @@ def test_it_finds_the_gain_of_the_undriven_joints_motor(either_robot, gain):
     assert told[7 - passive] == pytest.approx(0.0, abs=1e-12)
     assert remaining.coulomb[passive] == pytest.approx(told[6 + passive], abs=1e-12)
     assert remaining.coulomb[1 - passive] == pytest.approx(0.1, abs=0.01)
+
+
+def test_hat():
+    # Newest first: the hat's peak is 3 s ago, its area 1, its height 2/8.
+    steps = np.array([1.0, 2.0, 4.0, 1.0])
+    mean, slope = identifier.hat_weights(np, steps, np.array([0.0, 1.0, 3.0, 7.0, 8.0]), 3.0, 8.0)
+    assert mean.sum() == pytest.approx(1)
+    assert mean[0] == pytest.approx(0.5 * 1 * 0.25 / 3)
+    assert slope.sum() == pytest.approx(0)
+    # A ramp of 1 N m/s, which the torque follows in the middle of each step.
+    assert slope @ -np.array([0.5, 2.0, 5.0, 7.5]) == pytest.approx(1)
+
+
+def test_negative_friction_is_found_and_not_predicted_with():
+    loop = identifier_constants(NOMINAL, ROBOT.joint, DT, 25, UNCOMPENSATED)
+    state = identifier.begin(NUMPY, loop)
+    state.unknowns[4:8] = -0.1, 0.1, 0.2, -0.2
+    told = identifier.identified_plant(NUMPY, loop, state)
+    np.testing.assert_allclose(told.theta[4:8], [-0.1, 0.1, 0.2, -0.2], rtol=1e-6)
+    np.testing.assert_allclose(told.model.friction, [[0.0, 0.1], [0.2, 0.0]], rtol=1e-6, atol=1e-12)

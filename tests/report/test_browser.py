@@ -193,3 +193,53 @@ def test_foreign_names_run_no_code(chromium, tmp_path):
     assert set(page.requests) == {file.as_uri()}
     assert page.locator(".choice span").all_inner_texts() == [one_line(name) for name in EVIL]
     page.close()
+
+
+def freeze(page, live):
+    """From here on time passes only as the test lets it, until the next test."""
+    page.evaluate(f"{live}.run = () => null; {live}.pause()")
+    wait_until(lambda: not page.evaluate(f"{live}.running"))
+
+
+def picture(page, selector):
+    return page.evaluate("(selector) => document.querySelector(selector).toDataURL()", selector)
+
+
+def test_an_arrow_key_pushes_the_tip(page):
+    live, canvas, start = "swingup.live.acrobot", page.locator("#acrobot .live canvas"), [0.7, -0.4, 0, 0]
+    canvas.focus()
+    freeze(page, live)
+    page.evaluate(f"{live}.x = {start}")
+    before = picture(page, "#acrobot .live canvas")
+    canvas.press("ArrowLeft")
+    page.evaluate(f"{live}.advance(0.002)")
+    assert picture(page, "#acrobot .live canvas") != before  # the push shows
+    pushed = """(x) => {
+        const p = swingup.robots.acrobot.parameters;
+        return swingup.physics.rk4Step(p, x, swingup.physics.torqueOfForce(p, x, 1, p.l2, [-1, 0]), 0.002);
+    }"""
+    assert page.evaluate(f"{live}.x") == page.evaluate(pushed, start)
+    page.evaluate(f"{live}.advance(0.2)")
+    assert page.evaluate(f"{live}.pushes.length") == 0
+    page.locator("#acrobot input[type=range]").press("ArrowRight")  # outside of the pendulum it means what it meant
+    assert page.evaluate(f"{live}.pushes.length") == 0
+
+
+def test_live_buttons(page):
+    root, live = page.locator("#pendubot .live"), "swingup.live.pendubot"
+    assert page.evaluate(f"[{live}.time, {live}.policyOn]") == [0, False]  # it hangs until it is asked
+    page.evaluate(f"{live}.advance(1)")
+    assert page.evaluate(f"{live}.x") == [0, 0, 0, 0]
+    for name in ("Motor off", "Swing up"):
+        root.locator("[data-do=policy]").click()
+        assert root.locator("[data-do=policy]").inner_text() == name
+    root.locator("[data-do=reset]").click()
+    root.locator("[data-do=right]").press("Enter")
+    page.evaluate(f"{live}.advance(0.2)")
+    assert page.evaluate(f"{live}.x")[0] > 0.005
+    root.locator("[data-do=pause]").click()
+    stopped = page.evaluate(f"{live}.time")
+    page.wait_for_timeout(100)
+    assert page.evaluate(f"{live}.time") == stopped
+    root.locator("[data-do=reset]").click()
+    assert page.evaluate(f"[{live}.time, ...{live}.x]") == [0, 0, 0, 0, 0]

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from swingup.benchmark.rollout import Trajectory
+from swingup.common.errors import one_line
 from swingup.plant.plant import LEADERBOARD, ROBOTS
 from swingup.report.page import Section, Show, render_page
 
-from .pages import NASTY, parts_of
+from .pages import EVIL, NASTY, make_evil_section, parts_of
 
 ACROBOT = ROBOTS["acrobot"]
 
@@ -43,3 +44,15 @@ def test_rows_from_the_first_that_is_not_finite_on_are_cut():
         assert lengths == [7] * (row > 0)
         assert not any("disturbed" in runs for runs in shown)
         assert "It went wild." in html
+
+
+def test_foreign_names_are_escaped_everywhere():
+    html = render_page([make_evil_section()], title=EVIL[0])
+    own = html[: html.index('<script type="application/json"')]
+    assert "attacked" in own
+    assert not re.search(r"<script|<img|onmouseover='", own)
+    assert all(letter.isprintable() or letter == "\n" for letter in own)
+    assert "line break and \\u202e separators" in own
+    shown = [show["name"] for show in parts_of(html)[1]["sections"][0]["shows"]]
+    assert shown == [one_line(name) for name in EVIL]
+    html.encode("utf-8")  # no lone surrogate is left
