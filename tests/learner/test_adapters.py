@@ -263,3 +263,27 @@ def test_an_environment_trains_saves_and_goes_on(tmp_path):
     assert (found["mean_length"], found["resets_per_1000_steps"]) == (1.0, 1000.0)
     assert 0.0 < found["score"] < 3.0
     assert "the environment's are 1 choices of 3" in refusal(model.evaluate, 2, env=Corridor(Discrete(3)))
+
+
+@pytest.mark.slow  # the packages are not installed with the tests
+@pytest.mark.filterwarnings("default")  # theirs
+def test_a_terminating_environment_of_the_package():
+    """In jumanji's Snake the head runs into a wall."""
+    pytest.importorskip("jumanji", reason="jumanji is not installed: see docs/learner.md")
+    missing = "jax-envelope is not installed: pip install 'swingup[envelope]'"
+    envelope = pytest.importorskip("envelope", reason=missing)
+    inner = envelope.create("jumanji::Snake-v1", {"num_rows": 4, "num_cols": 4}, max_episode_steps=9)
+    env = envelope.FlattenObservationWrapper(envelope.ContinuousObservationWrapper(inner))
+    assert "several arrays: wrap it in envelope.ContinuousObservationWrapper" in refusal(EnvelopeTask, inner)
+    task = EnvelopeTask(env)
+    assert task.choices == (4,)
+    # Always up, 0, from the contract's first start: stepped here by the package alone.
+    step = jax.jit(inner.step)
+    state, info = jax.jit(inner.init)(jax.random.split(jax.random.key(5))[0])
+    steps = 0
+    while not info.terminated:
+        state, info = step(state, jnp.array(0))
+        steps += 1
+    last = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(info.obs)])
+    assert 1 <= steps <= 4
+    check_contract(task, [Ending(0, steps, True, lambda start: last)])
