@@ -30,7 +30,7 @@ from swingup.plant.files import load_plant
 from swingup.policy.estimator import EstimatorSettings
 from swingup.policy.guard import GuardSettings
 from swingup.policy.identifier import IdentifierSettings
-from swingup.policy.numpy_backend import NumpyNetwork, numpy_controller
+from swingup.policy.numpy_backend import TorqueNetwork, numpy_controller
 from swingup.policy.pendulum import policy_plant
 from swingup.policy.shipped import ADAPTIVE, AR_EAPO, load_policy
 from swingup.runtime import load_controller
@@ -112,7 +112,7 @@ def main(robot: str) -> None:
     policy = dataclasses.replace(load_policy(AR_EAPO, robot), estimator=EstimatorSettings())
     # A slow drift: at every jump the estimator would reset, and have less to do.
     states = np.cumsum(np.random.default_rng(0).normal(size=(CALLS, 4)) * [2e-3, 2e-3, 0.05, 0.05], axis=0)
-    alone, whole = NumpyNetwork(policy), load_controller(AR_EAPO, robot, estimator=True)
+    alone, whole = TorqueNetwork(policy), load_controller(AR_EAPO, robot, estimator=True)
     # The drift runs far: the limits are above it, so that the guard has all to do at every call.
     guard = GuardSettings(angle_limit=1e6, velocity_limit=1e6)
     plant = policy_plant(load_plant("C.1"), policy.robot)

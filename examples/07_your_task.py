@@ -41,7 +41,7 @@ def main(frames: int) -> None:
 
     model.learn(frames, show)
     for level in (1.0, 2.0, 3.0):
-        print(f"at {level} m it pumps {model.predict([level])[0]:.2f} m a step")  # 0.22 m a step keeps 2 m
+        print(f"at {level} m it pumps {model.predict([level])[0][0]:.2f} m a step")  # 0.22 m a step keeps 2 m
     print(model.evaluate(episodes=10))
 
 

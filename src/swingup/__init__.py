@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from .plant.files import save_plant as save_plant
     from .plant.measured import measured_plant as measured_plant
     from .plant.plant import Plant as Plant
+    from .policy.policy import Policy as Policy
     from .policy.shipped import load_policy as load_policy
     from .refine.adapt import adapt as adapt
     from .refine.recipe import run_recipe as run_recipe
@@ -45,6 +46,7 @@ _HOMES = {
     "BOARDS": "benchmark.boards",
     "DisturbanceSettings": "benchmark.disturbances",
     "Plant": "plant.plant",
+    "Policy": "policy.policy",
     "RealAIGymController": "export.realaigym",
     "Result": "benchmark.board",
     "Table": "benchmark.leaderboard",

@@ -246,16 +246,18 @@ def test_an_environment_trains_saves_and_goes_on(tmp_path):
     assert model.settings.problem.name == "<learner.corridors.Hall>"
     # In the environment's shapes and bounds, [-1, 3].
     observations = np.random.default_rng(0).normal(size=(7, 1, 2))
-    actions = model.predict(observations)
-    assert (actions.shape, model.predict(observations[0]).shape) == ((7, 1, 1), (1, 1))
+    actions, _ = model.predict(observations)
+    assert (actions.shape, model.predict(observations[0])[0].shape) == ((7, 1, 1), (1, 1))
     assert np.all((actions > -1.0) & (actions < 3.0))
     model.save(tmp_path / "model.safetensors")
     model.export_policy(tmp_path / "policy.safetensors")
     facts = load_any_policy(tmp_path / "policy.safetensors")[1]
-    assert (facts["action_low"], facts["action_high"]) == ([[-1.0]], [[3.0]])
+    assert (facts["action_space"]["low"], facts["action_space"]["high"]) == ([[-1.0]], [[3.0]])
     assert "pass it again as env" in refusal(AREAPO.load, tmp_path / "model.safetensors")
     other = AREAPO.load(tmp_path / "model.safetensors", env=env)
-    np.testing.assert_array_equal(model.learn(64).predict(observations), other.learn(64).predict(observations))
+    np.testing.assert_array_equal(
+        model.learn(64).predict(observations)[0], other.learn(64).predict(observations)[0]
+    )
     # Two steps to the door at most speed, and five to the time limit.
     assert 2.0 <= model.evaluate(2)["mean_length"] <= 5.0
     # What a step beyond the door pays does not count.

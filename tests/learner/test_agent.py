@@ -101,15 +101,16 @@ def test_a_return_is_not_compared_with_the_reward_of_a_step(tmp_path):
 
 def test_predict_and_the_policy_file(noisy, tmp_path):
     space = Noisy().action_space
-    single = noisy.predict(np.zeros((2, 1)))
+    single, state = noisy.predict(np.zeros((2, 1)))
+    assert state is None
     assert space.contains(single)
-    several = noisy.predict(np.zeros((5, 2, 1)))
+    several, _ = noisy.predict(np.zeros((5, 2, 1)))
     np.testing.assert_array_equal(several, np.tile(single, (5, 1)))
-    assert noisy.predict(np.zeros((0, 2, 1))).shape == (0, *space.shape)
-    drawn = noisy.predict(np.zeros((200, 2, 1)), deterministic=False)
+    assert noisy.predict(np.zeros((0, 2, 1)))[0].shape == (0, *space.shape)
+    drawn, _ = noisy.predict(np.zeros((200, 2, 1)), deterministic=False)
     assert all(space.contains(action) for action in drawn)
     assert len(np.unique(drawn, axis=0)) == 6
-    # As Stable-Baselines3's evaluate_policy calls it, which takes a pair apart and gives the state back.
+    # As Stable-Baselines3's evaluate_policy calls it.
     given = {"state": None, "episode_start": np.ones(3, bool), "deterministic": True}
     actions, state = noisy.predict(np.zeros((3, 2, 1)), **given)
     np.testing.assert_array_equal(actions, several[:3])
@@ -117,10 +118,10 @@ def test_predict_and_the_policy_file(noisy, tmp_path):
     assert "shape (3,): pass (2, 1)" in refusal(noisy.predict, np.zeros(3))
     noisy.export_policy(tmp_path / "p.safetensors")
     policy, metadata = load_any_policy(tmp_path / "p.safetensors")
-    assert (metadata["choices"], metadata["action_start"]) == ([3, 2], [1, 5])
+    assert metadata["action_space"] == {"type": "multi_discrete", "nvec": [3, 2], "start": [1, 5], "dtype": "int64"}
     observations = np.random.default_rng(0).normal(size=(20, 2, 1)).astype(np.float32)
-    actions = [np.asarray(policy(observation.ravel())) + metadata["action_start"] for observation in observations]
-    np.testing.assert_array_equal(actions, noisy.predict(observations))
+    actions = [np.add(policy(observation.ravel()), [1, 5]) for observation in observations]
+    np.testing.assert_array_equal(actions, noisy.predict(observations)[0])
     for choices in ([3, 3], [], [3.5], "32"):
         change_file(tmp_path / "p.safetensors", {"choices": choices})
         assert "p.safetensors" in refusal(load_any_policy, tmp_path / "p.safetensors")
@@ -157,7 +158,7 @@ def test_seeds_train_as_each_does_alone(tmp_path):
     assert load_any_policy(tmp_path / "policy.safetensors")[1]["seed"] == 3 + best.index(max(best))
     seen = np.random.default_rng(0).normal(size=(20, 2, 1))
     for other in (AREAPO.load(tmp_path / "model.safetensors", Noisy), AREAPO.load(tmp_path / "run", Noisy)):
-        np.testing.assert_array_equal(other.predict(seen), model.predict(seen))
+        np.testing.assert_array_equal(other.predict(seen)[0], model.predict(seen)[0])
         assert same_weights(other.learn(64), AREAPO.load(tmp_path / "model.safetensors", Noisy).learn(64))
 
 
@@ -205,13 +206,13 @@ def test_loading_a_folder_writes_nothing_and_needs_no_lock(tmp_path):
 def test_actions_have_the_bounds_of_the_space_and_no_others(tmp_path):
     """Other bounds would scale the policy's actions in silence."""
     model = AREAPO(Stairs(), folder=tmp_path / "r", **(TINY | {"num_envs": 1, "batch_size": 16}))
-    drawn = model.predict(np.zeros((500, 1)), deterministic=False)
+    drawn, _ = model.predict(np.zeros((500, 1)), deterministic=False)
     assert np.all((drawn >= [-2.0, 0.0]) & (drawn <= [2.0, 1.0]))
     # The mean starts near the middle of the bounds.
-    np.testing.assert_allclose(model.predict([0.0]), [0.0, 0.5], atol=0.05)
+    np.testing.assert_allclose(model.predict([0.0])[0], [0.0, 0.5], atol=0.05)
     model.save(tmp_path / "m.safetensors")
     stronger = functools.partial(Stairs, actions=Box(np.array([-4.0, 0.0]), np.array([4.0, 1.0]), dtype=np.float64))
-    named = "the environment has action_low = [-4.0, 0.0]"
+    named = "the environment has box, shape = [2], low = [-4.0, 0.0]"
     for path in (tmp_path / "m.safetensors", tmp_path / "r"):
         assert named in refusal(AREAPO.load, path, env=stronger())
         assert AREAPO.load(path, env=Stairs()).config.num_envs == 1
@@ -230,7 +231,7 @@ def test_a_list_of_functions_is_a_vector_environment_and_an_instance_is_one():
 def test_a_task_in_jax_is_compiled():
     settings = TINY | {"num_steps": 64, "learning_rate": 0.01, "evaluate_every": 10_000}
     model = AREAPO(Lever(), temperature=0.0, **settings).learn(20_000)
-    assert model.predict([0.0]) == [2]
+    assert model.predict([0.0])[0] == [2]
     # Ten steps of the best choice.
     assert model.evaluate(4)["score"] == 30.0
 
@@ -238,7 +239,7 @@ def test_a_task_in_jax_is_compiled():
 def test_an_evaluation_means_the_same_on_both_back_ends():
     for env in (Lever(ends=3000.0), stairs(ends=3000, pays=2.0)):
         model = AREAPO(env, **TINY)
-        each = 1.0 + model.predict([0.0])[0] if isinstance(env, Lever) else 2.0
+        each = 1.0 + model.predict([0.0])[0][0] if isinstance(env, Lever) else 2.0
         assert model.evaluate(2) == {
             "score": 2000 * each, "mean_length": 2000.0, "reward_rate": each, "resets_per_1000_steps": 0.0,
         }  # fmt: skip
@@ -294,5 +295,5 @@ def test_evaluation_elsewhere(monkeypatch):
 def test_a_robot_by_name():
     model = AREAPO("pendubot", **{**TINY, "evaluation_episodes": 1})
     assert (model.settings.preset, model.settings.problem.name) == ("default", "pendubot")
-    assert model.predict(np.zeros(4)).shape == (1,)
+    assert model.predict(np.zeros(4))[0].shape == (1,)
     assert 0.0 <= model.evaluate()["score"] < 0.1

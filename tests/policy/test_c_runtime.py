@@ -10,7 +10,7 @@ import pytest
 
 from swingup.export.c_header import c_data, c_header, runtime
 from swingup.policy.guard import default_guard
-from swingup.policy.numpy_backend import NumpyNetwork
+from swingup.policy.numpy_backend import TorqueNetwork
 from swingup.policy.shipped import load_policy
 
 from .compiled import (
@@ -182,4 +182,4 @@ def test_two_policies_in_one_program(tmp_path):
     library, u = compile_program(tmp_path, TWO), np.zeros(2)
     for x in random_states()[:5]:
         library.both(pointer(np.ascontiguousarray(x)), pointer(u))
-        np.testing.assert_allclose(u, [NumpyNetwork(each)(x) for each in policies], rtol=0, atol=1e-11)
+        np.testing.assert_allclose(u, [TorqueNetwork(each)(x) for each in policies], rtol=0, atol=1e-11)

@@ -15,7 +15,7 @@ from swingup.plant.base_parameters import base_parameters
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD
 from swingup.policy.network import Layer, Network, PlantStage, fold, max_feature
-from swingup.policy.numpy_backend import NumpyNetwork, numpy_controller
+from swingup.policy.numpy_backend import TorqueNetwork, numpy_controller
 from swingup.policy.pendulum import policy_plant, read_pendulum_policy
 from swingup.tasks.task import PendulumStage
 
@@ -88,9 +88,9 @@ def test_told_plants_are_those_of_files():
         bases = jax.jit(jax.vmap(lambda plant: base_parameters(plant, jnp)))(batch)
         each_state = jax.vmap(lambda x, base: controller.control(None, jnp.zeros(()), x, base)[1][1], (0, None))
         found = np.asarray(jax.jit(jax.vmap(each_state, (None, 0)))(jnp.asarray(states), bases))
-    told = NumpyNetwork(policy)
+    told = TorqueNetwork(policy)
     for row, plant in zip(found, plants, strict=True):
-        network = NumpyNetwork(dataclasses.replace(policy, plant=plant))
+        network = TorqueNetwork(dataclasses.replace(policy, plant=plant))
         expected = [network(x) for x in states]
         np.testing.assert_allclose(row, expected, rtol=0, atol=1e-11)
         told.set_plant(base_parameters(plant).tolist())

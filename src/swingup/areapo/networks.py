@@ -17,11 +17,8 @@ from jaxtyping import Array, Float, Int, Shaped
 
 from ..common.errors import SwingupError
 from ..common.types import Key
-from ..policy.network import FLOAT32_SUM_WIDTH, TANH, Activation, Bounds
+from ..policy.network import FLOAT32_SUM_WIDTH, LOG_STD_RANGE, STD_OUTPUT_RANGE, TANH, Activation, Bounds
 
-LOG_STD_RANGE = (-20.0, 2.0)  # Range to which log σ is clamped (authors' code)
-STD_OUTPUT_RANGE = tuple(math.log(math.expm1(math.exp(bound))) for bound in LOG_STD_RANGE)
-"""The same for the output of which σ is the softplus: finite where log σ is not."""
 ACTIVATIONS: dict[Activation, Callable[[Array], Array]] = {
     "relu": jax.nn.relu,
     "tanh": jnp.tanh,

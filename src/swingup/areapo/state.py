@@ -23,7 +23,6 @@ class Purpose(IntEnum):
 
     TRAINING = 0
     EVALUATION = 1
-    PREDICTION = 2
     FAULT_SEARCH = 3
 
 

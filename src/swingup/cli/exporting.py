@@ -22,7 +22,7 @@ from ..learner.metrics import read_metrics
 from ..plant.plant import LEADERBOARD, Robot
 from ..policy.guard import GuardSettings, choose_guard
 from ..policy.pendulum import PendulumPolicy, write_plant
-from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_policy
+from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_pendulum_policy
 from ..rehearsal.process import CALLING_TIME
 from ..rehearsal.rehearse import Rehearsal, rehearse, spread
 from ..report.draw import FIGURE_FORMATS, draw, render
@@ -99,7 +99,7 @@ def export_command(
             f"{policy!r} is a baseline, which has no policy file: swingup.RealAIGymController runs it, and "
             f"--to trajectory writes its swing-up with gains"
         )
-    found = load_policy(policy, robot, facts_of(plant))
+    found = load_pendulum_policy(policy, robot, facts_of(plant))
     changes = {"velocity_limit": velocity_limit, "braking": braking}
     found = dataclasses.replace(found, guard=_guard(found, to, guard, changes))
     if to in FOLDERS:

@@ -11,7 +11,7 @@ from ..common.arrays import SUFFIX
 from ..common.errors import SwingupError, command_line, duration
 from ..learner.run import Run
 from ..plant.plant import Robot
-from ..policy.shipped import AR_EAPO, load_policy
+from ..policy.shipped import AR_EAPO, load_pendulum_policy
 from ..refine.adapt import Watch, adapt
 from ..refine.recipe import ADAPT, RECIPES, RECOVER, RefinementReport, run_recipe, save_refined
 from ..report.log_report import report_adaptation
@@ -65,7 +65,7 @@ def refine_command(
     policy = AR_EAPO if policy is None and recipe != ADAPT else policy
     options: dict[str, Any] = {"policy": policy, "recipe": recipe, "domain": domain, "seed": seed}
     command = command_line("refine", robot.name, **options, out=Path(out).name, **plant)
-    base = None if policy is None else load_policy(policy, robot)
+    base = None if policy is None else load_pendulum_policy(policy, robot)
     on = plant_of(plant)
     if recipe == ADAPT:
         draws = 100 if seeds is None else seeds

@@ -4,18 +4,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ..areapo.checkpoint import save_checkpoint
 from ..areapo.config import Config
-from ..areapo.state import Purpose, root_key
 from ..common.checks import whole_number
 from ..common.errors import SwingupError, quoted
-from ..controllers.stack.policy import Policy, act
 from ..plant.plant import PlantLike
-from .backend import batched
+from ..policy.policy import Policy
 from .presets import get_preset
 from .problem import make_problem
 from .progress import TrainingReport
@@ -31,7 +27,7 @@ class AREAPO:
     Example:
         >>> from swingup import AREAPO
         >>> model = AREAPO("Pendulum-v1", num_envs=4, num_steps=32, batch_size=64, evaluation_episodes=0)
-        >>> action = model.learn(256).predict([1.0, 0.0, 0.0])
+        >>> action, _ = model.learn(256).predict([1.0, 0.0, 0.0])
         >>> action.shape
         (1,)
     """
@@ -109,8 +105,8 @@ class AREAPO:
 
     def _use(self, run: Run) -> None:
         self._run = run
-        self._sampling = root_key(run.settings.seed, Purpose.PREDICTION)
-        self._cached: tuple[int, Policy[Any]] | None = None
+        self._sampling = np.random.default_rng(run.settings.seed)
+        self._cached: tuple[int, Policy] | None = None
 
     @property
     def settings(self) -> RunSettings:
@@ -159,38 +155,20 @@ class AREAPO:
 
     def predict(
         self, observation: Any, state: None = None, episode_start: Any = None, deterministic: bool = True
-    ) -> Any:
-        """Actions of the environment for an observation, or for several along a leading axis.
+    ) -> tuple[np.ndarray, None]:
+        """Actions of the environment for an observation, or for several along a leading axis, and None.
 
-        For the pendulum's robots and for tasks in JAX, actions are those of the task: in [-1, 1], or integers.
-
-        Args:
-            observation: shape of the observation space, or with one axis more in front.
-            state: None: a policy has no memory.
-            episode_start: anything but None asks for a pair, as Stable-Baselines3's ``evaluate_policy`` does.
-            deterministic: the policy's mode; otherwise a sample, which differs from call to call.
-
-        Returns:
-            The actions; with ``episode_start`` a pair of them and None.
-
-        Raises:
-            SwingupError: the observation has another shape, or a state is given.
+        They are those of the policy's file, bit for bit: see :meth:`swingup.policy.policy.Policy.predict`. For the
+        robots and for tasks in JAX, actions are those of the task: in [-1, 1], or integers.
         """
-        if state is not None:
-            raise SwingupError(f"state = {quoted(state)}, but a policy has no memory: leave it out")
-        flat, single = batched(observation, self._run.backend.evaluator.observation_shape)
-        key = None
-        if not deterministic:
-            self._sampling, key = jax.random.split(self._sampling)
-        actions = self._run.backend.to_actions(act(self._policy(), flat, key))
-        found = actions[0] if single else actions
-        return found if episode_start is None else (found, None)
+        return self._policy().predict(observation, state, episode_start, deterministic)
 
-    def _policy(self) -> Policy[Any]:
-        """The best seed's policy on the device; it is copied there again after each call of ``learn``."""
+    def _policy(self) -> Policy:
+        """The best seed's policy, made again after each call of ``learn``."""
         if self._cached is None or self._cached[0] != self.frames:
             policy = self._run.policies()[self._run.progress.best_seed]
-            self._cached = (self.frames, jax.tree.map(jnp.asarray, policy))
+            self._cached = (self.frames, self._run.backend.evaluator.file_policy(policy))
+            self._cached[1].seed(self._sampling)
         return self._cached[1]
 
     def evaluate(self, episodes: int | None = None, env: Any = None) -> dict[str, Any]:
@@ -211,7 +189,7 @@ class AREAPO:
         policy = run.policies()[run.progress.best_seed]
         if env is None:
             return evaluator.evaluate(policy, episodes or evaluator.default_episodes).as_dict()
-        problem, actions = make_problem(env), evaluator.described_actions
+        problem, actions = make_problem(env), evaluator.action_space.describe()
         return problem.evaluate(policy, self.settings.seed, episodes, actions).as_dict()
 
     def save(self, path: str | Path) -> None:

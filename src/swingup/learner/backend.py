@@ -1,7 +1,6 @@
 """The interfaces of a back end, which steps the environments of a run's seeds, and of its policies' evaluator."""
 
 import abc
-import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -9,13 +8,15 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Shaped
 
 from ..areapo.networks import CategoricalActor
 from ..areapo.state import LearnerState
 from ..common.errors import SwingupError
-from ..controllers.stack.policy import Policy, save_policy
-from ..tasks.task import SpaceActions, Spaces, Stage
+from ..controllers.stack.policy import Policy, network_of, save_policy
+from ..policy.policy import Policy as FilePolicy
+from ..policy.policy import TaskPolicy, task_metadata
+from ..policy.spaces import Space
+from ..tasks.task import Spaces, Stage
 from .metrics import Evaluation, TrainingMetrics, make_evaluation
 
 TreeT = TypeVar("TreeT")
@@ -34,23 +35,28 @@ class AbstractEvaluator(abc.ABC):
     measure: str = "episodes"  # Name under which policy files keep their scores
     default_episodes: int = EPISODES  # Episodes of an evaluation without a given number
     stages: tuple[Stage, ...] = ()  # Observation stages before the normalisation
-    observation_shape: tuple[int, ...]
-    """Shape of the input of the first stage, or without stages of the normalisation."""
-    actions: SpaceActions | None = None
-    """What makes the environment's actions; None where they are the policy's own."""
+    task: str  # The robot, or the id or the description of the environment
+    observation_space: Space
+    """The input of the first stage, or without stages of the normalisation."""
+    action_space: Space
+    step_time: float | None = None  # Time of a step (s), where the task has one
 
     @property
-    def described_actions(self) -> dict[str, Any]:
-        """The environment's actions as a policy file describes them; empty where they are the policy's own."""
-        return {} if self.actions is None else self.actions.describe()
+    def described(self) -> dict[str, Any]:
+        """The task as a policy file describes it."""
+        return task_metadata(self.task, self.observation_space, self.action_space, self.step_time)
 
     @abc.abstractmethod
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> Evaluation:
         """Evaluate the deterministic policy."""
 
+    def file_policy(self, policy: Policy[Any]) -> FilePolicy:
+        """What a file holds of a policy, in NumPy."""
+        return TaskPolicy(network_of(policy), self.described)
+
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
-        """Write a policy file, with what the environment's actions are."""
-        save_policy(path, policy, {**self.described_actions, **provenance})
+        """Write a policy file with where it comes from."""
+        save_policy(path, policy, {**self.described, **provenance})
 
 
 class AbstractBackend(abc.ABC):
@@ -100,11 +106,6 @@ class AbstractBackend(abc.ABC):
         """The fault of the environment after training diverged, with its remedy; empty if there is none."""
         return ""  # the host checks every observation and reward when it comes
 
-    def to_actions(self, actions: Shaped[np.ndarray, "b m"]) -> Shaped[np.ndarray, "b ..."]:
-        """Actions of the environment for actions of the policy."""
-        space = self.evaluator.actions
-        return actions if space is None else np.asarray(space(actions))
-
     @abc.abstractmethod
     def close(self) -> None:
         """Free the environments."""
@@ -133,28 +134,24 @@ def join_seeds(members: Sequence[LearnerState]) -> LearnerState:
     return members[0] if len(members) == 1 else jax.tree.map(lambda *leaves: jnp.stack(leaves), *members)
 
 
-def batched(observation: Any, shape: tuple[int, ...]) -> tuple[Float[np.ndarray, "b n"], bool]:
-    """One observation of a shape, or several along a leading axis, as a batch of vectors; true if it was one."""
-    try:
-        values = np.asarray(observation, np.float32)
-    except (TypeError, ValueError) as error:
-        raise SwingupError(f"observation is not an array of numbers: pass one of shape {shape}") from error
-    if values.shape != shape and values.shape[1:] != shape:
-        raise SwingupError(
-            f"observation has shape {values.shape}: pass {shape}, or one axis more in front for several"
-        )
-    single = values.shape == shape
-    return values.reshape(1 if single else len(values), math.prod(shape)), single
+def check_actions(trained: Any, found: Space) -> None:
+    """Refuse an environment whose bounds would scale a policy's actions in another way than in training.
 
-
-def check_actions(trained: Mapping[str, Any], found: Mapping[str, Any]) -> None:
-    """Refuse an environment whose bounds would scale a policy's actions in another way than in training."""
-    if trained != found:
-        mine, its = (", ".join(f"{name} = {value}" for name, value in each.items()) for each in (trained, found))
+    ``trained`` is what a file describes them by.
+    """
+    if trained != found.describe():
         raise SwingupError(
-            f"the policy was trained with {mine or 'actions of its own'}, the environment has {its or 'others'}: "
+            f"the policy was trained with actions {shown(trained)}, the environment has {shown(found.describe())}: "
             "pass one with the same bounds, such as gymnasium.wrappers.RescaleAction gives"
         )
+
+
+def shown(space: Any) -> str:
+    """A description of a space for a message, as ``box, low = [-2.0], high = [2.0]``."""
+    if not isinstance(space, Mapping):
+        return "of no space"
+    kind, *others = (f"{name} = {value}" for name, value in space.items())
+    return ", ".join([kind.removeprefix("type = "), *others])
 
 
 def summarise_episodes(

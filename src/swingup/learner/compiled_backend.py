@@ -24,9 +24,11 @@ from ..benchmark.judge import judge
 from ..common import cores
 from ..common.errors import SwingupError
 from ..common.types import Flag, Key
-from ..controllers.stack.policy import Policy, PolicyController, save_controller
+from ..controllers.stack.policy import Policy, PolicyController, policy_of, save_controller
 from ..plant.plant import LEADERBOARD, Plant
-from ..policy.pendulum import policy_plant
+from ..policy.pendulum import STATES, TORQUE_SHARE, policy_plant
+from ..policy.policy import Policy as FilePolicy
+from ..policy.spaces import box
 from ..tasks.acrobot_swingup import AcrobotPractice
 from ..tasks.adapters import AbstractAdaptedTask
 from ..tasks.pendulum import AbstractPendulumTask
@@ -165,11 +167,11 @@ class SwingUpEvaluator(AbstractEvaluator):
 
     measure = "v2"
     default_episodes = 1
-    observation_shape = (4,)
+    observation_space, action_space = STATES, TORQUE_SHARE
 
     def __init__(self, task: AbstractPendulumTask, plant: Plant = LEADERBOARD) -> None:
         """The evaluator of a variant of the pendulum's task, on its plant, with the name that the plant has."""
-        self.stages, self._robot = (task.observation,), task.robot
+        self.stages, self._robot, self.task = (task.observation,), task.robot, task.robot.name
         # A task that was passed in may have a plant of its own.
         own = task.parameters != plant.driven(task.robot)
         self._plant = dataclasses.replace(task.parameters, name="the task's" if own else plant.name)
@@ -180,6 +182,10 @@ class SwingUpEvaluator(AbstractEvaluator):
             raise SwingupError(f"episodes = {episodes}, but a robot is scored by one episode: leave it out")
         criteria = judge(self._controller(policy), self._robot, plant=self._plant).criteria
         return Evaluation(criteria.score, criteria=criteria)
+
+    def file_policy(self, policy: Policy[Any]) -> FilePolicy:
+        """What a file holds of a controller."""
+        return policy_of(self._controller(policy))
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
         """Write a controller's policy file."""
@@ -193,19 +199,21 @@ class SwingUpEvaluator(AbstractEvaluator):
 class ReturnEvaluator(AbstractEvaluator):
     """Evaluates by the mean return of episodes of any task in JAX; they are the same each time."""
 
-    def __init__(self, task: AbstractTask[Any], seed: int, episodes: int) -> None:
+    def __init__(self, task: AbstractTask[Any], seed: int, episodes: int, name: str) -> None:
         adapted = task if isinstance(task, AbstractAdaptedTask) else None
-        self.observation_shape = adapted.observation_shape if adapted else (task.observation_size,)
-        self.actions = task.actions if isinstance(task, AbstractAdaptedTask | AcrobotPractice) else None
-        self._task, self._seed, self._episodes = task, seed, episodes
-        self._step_time = step_time(*(adapted.timed if adapted else (task,)))
+        self.observation_space = box(adapted.observation_shape if adapted else (task.observation_size,))
+        self.action_space = (
+            task.actions if isinstance(task, AbstractAdaptedTask | AcrobotPractice) else task.own_actions
+        )
+        self._game, self._seed, self._episodes, self.task = task, seed, episodes, name
+        self.step_time = step_time(*(adapted.timed if adapted else (task,)))
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> Evaluation:
         """Means over the episodes."""
         # The same episodes each time, so that scores differ by the policy alone.
         keys = jax.random.split(root_key(self._seed, Purpose.EVALUATION), episodes or self._episodes)
-        total, length, resets = jax.device_get(_episodes(policy, self._task, keys))
-        return summarise_episodes(total.tolist(), length.tolist(), int(resets.sum()), self._step_time)
+        total, length, resets = jax.device_get(_episodes(policy, self._game, keys))
+        return summarise_episodes(total.tolist(), length.tolist(), int(resets.sum()), self.step_time)
 
 
 @jax.jit

@@ -4,9 +4,8 @@ Its evaluator plays episodes in environments of its own; their mean return is th
 """
 
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -22,7 +21,8 @@ from ..areapo.state import COLLECT, LearnerState, Metrics, Purpose, Rollout, roo
 from ..areapo.statistics import RunningStatistics
 from ..common.errors import SwingupError
 from ..common.types import Key, fetch
-from ..controllers.stack.policy import Policy, act, save_policy
+from ..controllers.stack.policy import Policy, act
+from ..policy.spaces import box
 from .backend import (
     EPISODE_STEPS,
     EPISODES,
@@ -43,9 +43,10 @@ class EpisodeEvaluator(AbstractEvaluator):
 
     def __init__(self, env: Any, name: str, environments: Environments, seed: int, episodes: int) -> None:
         """Prepare for environments like those of training, which are made when they are first needed."""
-        self.observation_shape = environments.observation_space.shape or ()
-        self._env, self._name, self._seed, self._episodes = env, name, seed, episodes
-        self.actions = environments.actions
+        space = environments.observation_space
+        self.observation_space = box(space.shape, space.low, space.high)
+        self._env, self.task, self._seed, self._episodes = env, name, seed, episodes
+        self.action_space, self.step_time = environments.actions, environments.step_time
         self._environments: Environments | None = None
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> Evaluation:
@@ -60,13 +61,9 @@ class EpisodeEvaluator(AbstractEvaluator):
             self._environments = make_environments(self._env, self._episodes)
         return play(policy, self._environments, self._seed)
 
-    def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
-        """Write a policy file that names the environment and the bounds of its actions."""
-        save_policy(path, policy, {"env": self._name, **self.described_actions, **provenance})
-
     def compile(self, policy: Policy[Any]) -> None:
         """Compile the policy for the default number of episodes."""
-        observations = np.zeros((self._episodes, int(np.prod(self.observation_shape))), np.float32)
+        observations = np.zeros((self._episodes, self.observation_space.size), np.float32)
         act(policy, observations)
 
     def close(self) -> None:
@@ -250,9 +247,7 @@ _sample = jax.jit(sample_actions)
 _update = jax.jit(algorithm.update)
 
 
-def play_once(
-    policy: Policy[Any], env: Any, episodes: int | None, seed: int, trained: Mapping[str, Any]
-) -> Evaluation:
+def play_once(policy: Policy[Any], env: Any, episodes: int | None, seed: int, trained: Any) -> Evaluation:
     """Evaluate episodes in a given environment, or in new ones made for them.
 
     Without a number of episodes it is one in each environment that was passed in, or else ``EPISODES``. ``trained``
@@ -265,7 +260,7 @@ def play_once(
         )
     with contextlib.closing(make_environments(env, own or episodes or EPISODES)) as environments:
         check_spaces(policy, environments.spaces)
-        check_actions(trained, environments.actions.describe())
+        check_actions(trained, environments.actions)
         return play(policy, environments, seed)
 
 

@@ -103,9 +103,7 @@ class AbstractProblem(abc.ABC):
         """The back end that trains on it, with its evaluator."""
 
     @abc.abstractmethod
-    def evaluate(
-        self, policy: Policy[Any], seed: int, episodes: int | None, trained: Mapping[str, Any]
-    ) -> Evaluation:
+    def evaluate(self, policy: Policy[Any], seed: int, episodes: int | None, trained: Any) -> Evaluation:
         """Evaluate a policy that was trained elsewhere, with actions that ``trained`` describes.
 
         Without a number of episodes it is one in each environment that was passed in, or else ``EPISODES``.
@@ -183,9 +181,7 @@ class RobotProblem(AbstractProblem):
         task = self.task or self.preset_task(preset)
         return CompiledBackend(task, config, seeds, SwingUpEvaluator(task, self.plant))
 
-    def evaluate(
-        self, policy: Policy[Any], seed: int, episodes: int | None, trained: Mapping[str, Any]
-    ) -> Evaluation:
+    def evaluate(self, policy: Policy[Any], seed: int, episodes: int | None, trained: Any) -> Evaluation:
         """Refuse every policy: those trained elsewhere have other observations."""
         raise SwingupError(f"env = {self.name!r}: a robot judges its own policies, without env")
 
@@ -231,16 +227,14 @@ class TaskProblem(AbstractEnvironmentProblem):
     def backend(self, preset: str, config: Config, seeds: Sequence[int], episodes: int) -> AbstractBackend:
         """The compiled back end with the mean return as its score."""
         self.check_episodes(episodes)
-        evaluator = ReturnEvaluator(self.judged or self.task, seeds[0], episodes)
+        evaluator = ReturnEvaluator(self.judged or self.task, seeds[0], episodes, self.name)
         return CompiledBackend(self.task, config, seeds, evaluator)
 
-    def evaluate(
-        self, policy: Policy[Any], seed: int, episodes: int | None, trained: Mapping[str, Any]
-    ) -> Evaluation:
+    def evaluate(self, policy: Policy[Any], seed: int, episodes: int | None, trained: Any) -> Evaluation:
         """Play episodes of the task under a policy with its spaces."""
         check_spaces(policy, self.task.spaces)
-        evaluator = ReturnEvaluator(self.task, seed, episodes or EPISODES)
-        check_actions(trained, evaluator.described_actions)
+        evaluator = ReturnEvaluator(self.task, seed, episodes or EPISODES, self.name)
+        check_actions(trained, evaluator.action_space)
         return evaluator.evaluate(policy)
 
 
@@ -303,9 +297,7 @@ class HostProblem(AbstractEnvironmentProblem):
 
         return HostBackend(self.env, self.name, config, seeds, episodes)
 
-    def evaluate(
-        self, policy: Policy[Any], seed: int, episodes: int | None, trained: Mapping[str, Any]
-    ) -> Evaluation:
+    def evaluate(self, policy: Policy[Any], seed: int, episodes: int | None, trained: Any) -> Evaluation:
         """Play episodes in new environments, or in the one that was passed in."""
         from .host_backend import play_once
 

@@ -97,7 +97,7 @@ class Run:
         self._check_finite((self.progress.state.actor, self.progress.state.critic), "weights are")
         self._fresh = True
         metadata = self.progress.metadata(self.settings)
-        return self.progress.state, metadata | {"actions": self.backend.evaluator.described_actions}
+        return self.progress.state, metadata | {"actions": self.backend.evaluator.action_space.describe()}
 
     def extend(self, frames: int) -> None:
         """Set the goal to this number of frames more than the run has trained for."""
@@ -282,5 +282,5 @@ def _restored(
     settings = replace(settings, problem=settings.problem.on(env))
     backend = settings.make_backend()
     state, metadata = load(jax.eval_shape(backend.init))
-    check_actions(metadata.get("actions", {}), backend.evaluator.described_actions)
+    check_actions(metadata.get("actions"), backend.evaluator.action_space)
     return settings, backend, read_progress(state, metadata, settings, source)

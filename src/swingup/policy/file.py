@@ -38,6 +38,11 @@ def read_network(path: str | Path) -> tuple[Network, dict[str, Any]]:
         return _network(metadata, arrays), metadata
 
 
+def read_metadata(path: str | Path) -> dict[str, Any]:
+    """Read the metadata of a policy file alone."""
+    return load_arrays(path, FORMAT, FORMAT_VERSION, lambda name: False)[0]
+
+
 def write_network(path: str | Path, network: Network, metadata: Mapping[str, Any]) -> None:
     """Write a policy atomically; ``metadata`` (JSON values) is kept under its own names, but for the network's."""
     arrays: dict[str, np.ndarray] = {}

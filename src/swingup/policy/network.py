@@ -24,7 +24,7 @@ Clip = Annotated[float, Range(1e-6, LARGEST_NUMBER)]  # The result lies within �
 
 @dataclass(frozen=True)
 class PendulumStage:
-    """Scaled angles and velocities of the state x = [q1, q2, dq1, dq2] (rad, rad/s); the results lie in [-1, 1].
+    """Scaled angles and velocities of states x = [q1, q2, dq1, dq2] (rad, rad/s); the results lie in [-1, 1].
 
     ``wrapped`` is the paper's [(q1 mod 2π - π)/π, (q2 mod 2π - π)/π, dq1/s, dq2/s] (after Zhang et al.): upright
     lies on its jump at q2 = 0. ``sincos`` is [sin q1, cos q1, sin q2, cos q2, dq1/s, dq2/s], which has no jump.
@@ -44,13 +44,14 @@ class PendulumStage:
         return before if self.angles == "wrapped" else before + 2
 
     def __call__(self, x: Array, base: Array | None = None) -> Array:
-        """What the network sees of a state (4,)."""
+        """What the network sees of a state (4,), or of several with leading axes."""
         xp = x.__array_namespace__()
-        q, velocities = x[:2], _within(x[2:], self.velocity_scale) / self.velocity_scale
+        q, velocities = x[..., :2], _within(x[..., 2:], self.velocity_scale) / self.velocity_scale
         if self.angles == "wrapped":
-            return xp.concatenate([(xp.mod(q, TURN) - math.pi) / math.pi, velocities])
+            return xp.concatenate([(xp.mod(q, TURN) - math.pi) / math.pi, velocities], axis=-1)
         sines, cosines = xp.sin(q), xp.cos(q)
-        return xp.concatenate([sines[:1], cosines[:1], sines[1:], cosines[1:], velocities])
+        parts = [sines[..., :1], cosines[..., :1], sines[..., 1:], cosines[..., 1:], velocities]
+        return xp.concatenate(parts, axis=-1)
 
 
 @dataclass(frozen=True)
@@ -187,6 +188,9 @@ Activation = Literal["relu", "tanh", "elu", "silu", "gelu"]
 RELU: Activation = "relu"
 Bounds = Literal["tanh", "clip"]  # What brings a continuous action into [-1, 1]
 TANH: Bounds = "tanh"
+LOG_STD_RANGE = (-20.0, 2.0)  # Range to which log σ is clamped (authors' code)
+STD_OUTPUT_RANGE = (math.log(math.expm1(math.exp(-20.0))), math.log(math.expm1(math.exp(2.0))))
+"""The same for the output of which σ is the softplus: finite where log σ is not."""
 
 
 @dataclass(frozen=True)
@@ -221,7 +225,7 @@ class Network:
         # No stage after it: what it appends keeps the meaning that its centre and scale give it.
         if any(shows_plant) and (any(shows_plant[:-1]) or not isinstance(self.stages[0], PendulumStage)):
             raise SwingupError("observation stage 'plant' must be the last one, and 'pendulum' the first")
-        size = _input_size(self)
+        size = self.input_size
         for stage in self.stages:
             size = stage.size(size)
         for layer in self.layers:
@@ -243,6 +247,14 @@ class Network:
         """The stage that shows the plant; None for a policy that sees the state alone."""
         last = self.stages[-1] if self.stages else None
         return last if isinstance(last, PlantStage) else None
+
+    @property
+    def input_size(self) -> int:
+        """Length of the observation before the first stage: a pendulum's state, or as the statistics have it."""
+        first = self.stages[0] if self.stages else None
+        if isinstance(first, PendulumStage):
+            return STATE
+        return int(first.mean.size if isinstance(first, NormaliseStage) else self.layers[0].weight.shape[1])
 
     @property
     def layers(self) -> tuple[Layer, ...]:
@@ -309,13 +321,3 @@ def require_portable(network: Network, program: str) -> None:
             f"{program} bounds actions by tanh, not by {network.bounds!r}: run the policy in Python, as an export "
             f"to realaigym does, or train with deviation = 'state'"
         )
-
-
-def _input_size(network: Network) -> int:
-    """Length of the observation before the first stage: a pendulum's state, or as many as the statistics are of."""
-    first = network.stages[0] if network.stages else None
-    if isinstance(first, PendulumStage):
-        return STATE
-    if isinstance(first, NormaliseStage):
-        return int(first.mean.size)
-    return int(network.layers[0].weight.shape[1])

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,15 +15,16 @@ from .contract import LoopController
 from .estimator import EstimatorConstants, default_estimator, estimator_constants
 from .guard import GuardChoice, choose_guard
 from .identifier import MIN_STEP, IdentifiedPlant
-from .network import Activation, Bounds
+from .network import Bounds
 from .pendulum import PendulumPolicy
+from .policy import NumpyNetwork
 from .regulator import RICCATI_STEPS, Held, Loop, Q, R, RegulatorSettings
-from .shipped import load_policy
+from .shipped import load_pendulum_policy
 
-Activate = Callable[[np.ndarray], np.ndarray]
+BOUNDS: dict[Bounds, Callable[[float], float]] = {"tanh": math.tanh, "clip": lambda z: max(-1.0, min(1.0, z))}
 
 
-class NumpyNetwork:
+class TorqueNetwork:
     """The deterministic policy: x = [q1, q2, dq1, dq2] (rad, rad/s) to the torque of the driven joint (N m).
 
     A call works in buffers of its own: use one object in one thread.
@@ -32,17 +32,10 @@ class NumpyNetwork:
 
     def __init__(self, policy: PendulumPolicy) -> None:
         """Take the arrays of a policy; a policy that sees its plant begins with its file's."""
-        network = policy.folded
-        self._stages: list[Any] = list(network.stages)
-        self._torque_limit = policy.torque_limit
-        self._layers = [
-            (layer.weight.astype(np.float64), layer.bias.astype(np.float64), np.empty(layer.bias.shape))
-            for layer in network.trunk
-        ]
-        self._activate, self._bound = ACTIVATIONS[network.activation], BOUNDS[network.bounds]
-        self._head, self._offset = network.head.weight[0].astype(np.float64), network.head.bias.astype(np.float64)
+        self._network = NumpyNetwork(policy.folded)
+        self._torque_limit, self._bound = policy.torque_limit, BOUNDS[policy.network.bounds]
         # The biases of the first layer, which take up what the plant adds (``policy/network.py: fold``).
-        self._plant_bias = self._layers[0][1] if self._layers else self._offset
+        self._plant_bias = self._network.layers[0][1]
         self._plant_stage, first = policy.network.plant_stage, policy.network.layers[0]
         self._weight, self._bias = first.weight[:, -BASE:].astype(np.float64), first.bias.astype(np.float64)
 
@@ -56,26 +49,7 @@ class NumpyNetwork:
         # The clips of the observation would hide it.
         if not all(map(math.isfinite, x.tolist())):
             return math.nan
-        features = np.asarray(x, np.float64)
-        for stage in self._stages:
-            features = stage(features)
-        for weight, bias, result in self._layers:
-            np.dot(weight, features, out=result)
-            np.add(result, bias, out=result)
-            features = self._activate(result)
-        return self._torque_limit * self._bound(float(np.dot(self._head, features) + self._offset[0]))
-
-
-ACTIVATIONS: dict[Activation, Activate] = {
-    "relu": lambda x: np.maximum(x, 0.0, out=x),
-    "tanh": np.tanh,
-    # Clipped, since both branches are computed: the exponential of a large x overflows.
-    "elu": lambda x: np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0))),
-    # The logistic function by tanh, which never overflows.
-    "silu": lambda x: 0.5 * x * (1.0 + np.tanh(0.5 * x)),
-    "gelu": lambda x: 0.5 * x * (1.0 + np.tanh(math.sqrt(2.0 / math.pi) * (x + 0.044715 * x**3))),
-}
-BOUNDS: dict[Bounds, Callable[[float], float]] = {"tanh": math.tanh, "clip": lambda z: max(-1.0, min(1.0, z))}
+        return self._torque_limit * self._bound(self._network(x).item())
 
 
 WEIGHTS = np.diag([*Q, 0.0, R])
@@ -131,7 +105,7 @@ class NumpyPolicy:
 
     def __init__(self, policy: PendulumPolicy, estimated: bool | None = None) -> None:
         """Take a policy behind an estimator where its file has one (None), never (False) or always (True)."""
-        self.policy, self._joint, self._network = policy, policy.robot.joint, NumpyNetwork(policy)
+        self.policy, self._joint, self._network = policy, policy.robot.joint, TorqueNetwork(policy)
         joint, scales = self._joint, arm_scales(policy.plant)
         # All but the network computes in C.1's units; kept, since finding them takes as long as a small network.
         self._state_units, self._base_units = np.array(scales.state), np.array(scales.base)
@@ -226,4 +200,4 @@ def load_controller(
         SwingupError: there is no such controller, or the file is damaged, or for another robot, or a setting of the
             guard cannot work.
     """
-    return numpy_controller(load_policy(source, robot), estimator, guard)
+    return numpy_controller(load_pendulum_policy(source, robot), estimator, guard)

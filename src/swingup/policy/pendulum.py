@@ -20,7 +20,9 @@ from .file import read_network, write_network
 from .guard import GuardSettings
 from .identifier import IdentifierSettings, prior
 from .network import Network, PendulumStage, PlantStage, fold, stages_for
+from .policy import ACTION_SPACE, TASK, Policy
 from .regulator import RegulatorSettings, fixed_point
+from .spaces import box
 
 PLANT = "plant"  # Key of the plant in a policy file's metadata
 
@@ -128,14 +130,24 @@ def _identified_facts(plant: Plant) -> dict[str, float]:
     }
 
 
+STATES = box((4,), dtype="float64")
+"""States x = [q1, q2, dq1, dq2] (rad, rad/s)."""
+TORQUE_SHARE = box((1,), -1.0, 1.0, "float64")
+"""Share of the driven joint's torque limit, which the task's environments take."""
+
 _KINDS: tuple[type[Settings], ...] = (EstimatorSettings, GuardSettings, IdentifierSettings, RegulatorSettings)
 PARTS = tuple(kind.PART for kind in _KINDS)
 """What may stand around a network: keys of the metadata, and fields of a policy."""
 
 
 @dataclass(frozen=True)
-class PendulumPolicy:
-    """One torque for a state, perhaps behind an estimator or with a regulator."""
+class PendulumPolicy(Policy):
+    """One torque for a state, perhaps behind an estimator or with a regulator.
+
+    Like a policy of any task it has ``predict``, from states x = [q1, q2, dq1, dq2] (rad, rad/s) to actions in
+    [-1, 1], whose torque at the driven joint is ``torque_limit`` times as large. That is the network alone, for the
+    plant of the file; :func:`swingup.runtime.load_controller` runs all of it, in N m.
+    """
 
     network: Network
     """The network of the file; ``folded`` is what back ends run."""
@@ -161,6 +173,13 @@ class PendulumPolicy:
         if self.regulator is not None:
             # So is this one: it refuses a plant that the regulator cannot hold.
             fixed_point(similar_plant(self.plant, arm_scales(self.plant)), self.robot.joint)
+
+    observation_space, action_space = STATES, TORQUE_SHARE
+
+    @property
+    def task(self) -> str:
+        """The robot's name."""
+        return self.robot.name
 
     @property
     def folded(self) -> Network:
@@ -208,6 +227,11 @@ def for_plant(policy: PendulumPolicy, plant: Plant) -> PendulumPolicy:
 def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> PendulumPolicy:
     """Read a policy file of a pendulum, which must be for the robot if one is given."""
     network, metadata = read_network(path)
+    if ACTION_SPACE in metadata:
+        raise SwingupError(
+            f"policy file {path} is of {quoted(metadata.get(TASK))}, not of a pendulum: "
+            "swingup.load_policy(path).predict runs it"
+        )
     missing = [name for name in ("robot", "torque_limit", PLANT) if name not in metadata]
     if missing or not network.stages or not isinstance(network.stages[0], PendulumStage):
         what = f"metadata {', '.join(missing)}" if missing else "observation stage 'pendulum' at the start"

@@ -3,6 +3,7 @@
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
+from typing import overload
 
 from ..common.arrays import SUFFIX
 from ..common.checks import one_of
@@ -11,6 +12,7 @@ from ..common.files import has_suffix
 from ..plant.files import load_plant
 from ..plant.plant import PlantLike, Robot, get_robot
 from .pendulum import PendulumPolicy, for_plant, read_pendulum_policy
+from .policy import TaskPolicy, is_of_task, read_task_policy
 
 ADAPTIVE = "adaptive"
 """Sees the plant that an identifier finds while it swings up; a regulator for that plant holds it."""
@@ -40,10 +42,26 @@ def is_policy(source: str | Path) -> bool:
     return source in SHIPPED_POLICIES or has_suffix(source, SUFFIX)
 
 
+@overload
+def load_policy(source: str | Path, robot: Robot | str, plant: PlantLike | None = None) -> PendulumPolicy: ...
+@overload
+def load_policy(
+    source: str | Path, robot: None = None, plant: PlantLike | None = None
+) -> TaskPolicy | PendulumPolicy: ...
 def load_policy(
     source: str | Path, robot: Robot | str | None = None, plant: PlantLike | None = None
-) -> PendulumPolicy:
-    """Read a policy file, or a policy that the package ships.
+) -> TaskPolicy | PendulumPolicy:
+    """Read a policy of any task from its file, or a pendulum's that the package ships.
+
+    Its ``predict`` needs NumPy alone. For a pendulum that is the network without what stands around it;
+    :func:`swingup.runtime.load_controller` runs all of it.
+
+    Example:
+        >>> from swingup import load_policy
+        >>> policy = load_policy("ar-eapo", "acrobot")
+        >>> action, _ = policy.predict([0.1, 0.0, 0.0, 0.0])
+        >>> policy.task, policy.action_space.kind, action.shape
+        ('acrobot', 'box', (1,))
 
     Args:
         source: a policy file, or ``adaptive``, ``ar-eapo`` or ``global``.
@@ -55,6 +73,15 @@ def load_policy(
         SwingupError: there is no such policy or plant, or the policy is damaged, for another robot, or not for this
             plant.
     """
+    if robot is None and plant is None and has_suffix(source, SUFFIX) and is_of_task(source):
+        return read_task_policy(source)
+    return load_pendulum_policy(source, robot, plant)
+
+
+def load_pendulum_policy(
+    source: str | Path, robot: Robot | str | None = None, plant: PlantLike | None = None
+) -> PendulumPolicy:
+    """Read a pendulum's policy as :func:`load_policy` does; those of other tasks are refused."""
     found, on = _read(source, robot), None if plant is None else load_plant(plant)
     with naming(f"policy {quoted(str(source))}"):
         return found if on is None else for_plant(found, on)

@@ -24,7 +24,7 @@ from ..loop.resolve import NO_LOOP
 from ..loop.supervisors import Limits
 from ..plant.plant import PlantLike, Robot, get_robot
 from ..policy.pendulum import plant_difference
-from ..policy.shipped import load_policy
+from ..policy.shipped import load_pendulum_policy
 from .process import CALLING_TIME, Folder, FolderController, FolderProcess, Timing, find_folder
 
 
@@ -176,6 +176,6 @@ def _difference(folder: Folder, setting: Setting) -> str | None:
     """How the middle of the domain's plants differs from the policy's plant."""
     if folder.policy is None or setting.domain is None:
         return None
-    policy = load_policy(folder.policy)
+    policy = load_pendulum_policy(folder.policy)
     seen = None if policy.identifier is None else policy.network.plant_stage
     return plant_difference(policy.plant, setting.domain.nominal_plant, setting.robot, seen)

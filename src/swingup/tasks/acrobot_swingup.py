@@ -12,15 +12,15 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from ..common.types import Action, Key, Observation, Scalar, State, Torque
 from ..dynamics.integrate import rk4_step
 from ..loop.starts import winnable_states
 from ..plant.plant import ROBOTS, Plant, Robot
+from ..policy.spaces import Space, discrete
 from .pendulum import PendulumState
-from .task import AbstractTask, SpaceActions, Step
+from .task import AbstractTask, Step
 
 CAPSULES = Plant(
     # As load_plant reads them from the suite's acrobot.xml; that takes time at import.
@@ -120,7 +120,7 @@ class AcrobotSwingup(AbstractTask[PendulumState]):
 
 MAGNIFICATION = (1000.0, 1000.0, 300.0, 300.0)
 """Factors of the links' horizontal directions and of the velocities (s/rad): what can be held becomes 10 wide."""
-TORQUES = SpaceActions((1,), "float32", (3,), np.array([-1]), np.array([-1]))
+TORQUES = discrete([3], -1, "float32")
 """The choices of a policy: full torque backwards, none, full torque forwards."""
 ACTION_REPEAT = 2  # Steps of 10 ms for which an action is held in practice
 STARTS, STARTS_SEED = 2**17, 0  # How many starts are drawn for practice, and their seed
@@ -137,7 +137,7 @@ class AcrobotPractice(AcrobotSwingup):
     start_share: float = 0.0  # Share of the episodes that start in one of them
 
     @property
-    def actions(self) -> SpaceActions:
+    def actions(self) -> Space:
         """The task's action of each of the three choices: -1, 0 or 1."""
         return TORQUES
 

@@ -15,7 +15,8 @@ import numpy as np
 
 from ..common.errors import SwingupError, attribute, errors_named_after, one_line, quoted
 from ..common.types import Action, Key, Observation
-from .task import AbstractTask, SpaceActions, Step, space_actions, strongly_typed
+from ..policy.spaces import Space
+from .task import AbstractTask, Step, space_actions, strongly_typed
 
 FINAL_OBSERVATION = "final_observation"  # The entry of step's info that a reset does not replace
 LEAVE_OUT = {
@@ -70,7 +71,7 @@ class AbstractAdaptedTask(AbstractTask[AdaptedState]):
     """A task around an environment with methods of its own."""
 
     env: eqx.AbstractVar[Any]  # The environment
-    actions: SpaceActions  # Its actions, made from the policy's
+    actions: Space  # Its actions, made from the policy's
     observation_shape: tuple[int, ...] = eqx.field(static=True)  # Shape of its observation, which is flattened
 
     @property

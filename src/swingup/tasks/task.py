@@ -1,7 +1,7 @@
 """The interface of a task: a pure, unbatched Markov decision process that never resets itself.
 
-:class:`SpaceActions` makes the actions of a Gymnasium, gymnax or envelope space from the policy's. The stages of an
-observation are pytrees here: the same code serves training, judging, control and files.
+The stages of an observation and the spaces of actions are pytrees here: the same code serves training, judging,
+control and files.
 """
 
 import abc
@@ -12,7 +12,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Shaped
 
 from ..common.errors import SwingupError, attribute, one_line
 from ..common.types import Action, Flag, Key, Observation, Scalar
@@ -21,6 +20,7 @@ from ..policy.network import NormaliseStage as NormaliseStage
 from ..policy.network import PendulumStage as PendulumStage
 from ..policy.network import PlantStage as PlantStage
 from ..policy.network import Stage as Stage
+from ..policy.spaces import Space, box, discrete
 
 StateT = TypeVar("StateT")
 
@@ -67,6 +67,11 @@ class AbstractTask(eqx.Module, Generic[StateT]):
         return Spaces(self.observation_size, self.action_size, self.choices)
 
     @property
+    def own_actions(self) -> Space:
+        """The space of its actions."""
+        return discrete(self.choices, 0, "int32") if self.choices else box((self.action_size,), -1.0, 1.0)
+
+    @property
     @abc.abstractmethod
     def observation_size(self) -> int:
         """Length of an observation."""
@@ -95,35 +100,7 @@ def strongly_typed(leaf: Any) -> jax.Array:
     return array if jnp.issubdtype(array.dtype, jax.dtypes.prng_key) else array.astype(array.dtype)
 
 
-class SpaceActions(eqx.Module):
-    """Scales numbers in [-1, 1] to the bounds of a box, or counts choices from the first; in NumPy and in JAX."""
-
-    shape: tuple[int, ...] = eqx.field(static=True)  # Shape of the environment's action
-    dtype: str = eqx.field(static=True)
-    choices: tuple[int, ...] = eqx.field(static=True)  # Number of alternatives; empty for a box
-    low: Float[np.ndarray, "..."]
-    """Lower bounds, in the shape of the action; of choices, the number of the first."""
-    high: Float[np.ndarray, "..."]
-
-    @property
-    def size(self) -> int:
-        """Length of the policy's action."""
-        return int(np.prod(self.shape))
-
-    def __call__(self, actions: Shaped[Any, "*b m"]) -> Shaped[Any, "..."]:
-        """Actions of the environment, with the same leading axes."""
-        shaped = actions.reshape(*actions.shape[:-1], *self.shape)
-        if self.choices:
-            return (shaped + self.low).astype(self.dtype)
-        return (self.low + 0.5 * (shaped + 1.0) * (self.high - self.low)).astype(self.dtype)
-
-    def describe(self) -> dict[str, Any]:
-        """The entries of a policy file about the actions, as JSON values."""
-        low, high = np.asarray(self.low).tolist(), np.asarray(self.high).tolist()
-        return {"action_start": low} if self.choices else {"action_low": low, "action_high": high}
-
-
-def space_actions(space: Any) -> SpaceActions:
+def space_actions(space: Any) -> Space:
     """The actions of a space that has ``n`` or ``nvec``, or ``low`` and ``high``."""
     shown = f"actions {one_line(space, 200)}"
     counts = attribute(space, "n", attribute(space, "nvec"))
@@ -132,8 +109,7 @@ def space_actions(space: Any) -> SpaceActions:
         if counts.size == 0 or counts.min() < 1:
             raise SwingupError(f"{shown} are empty: give them a choice")
         # Gymnasium's discrete spaces may count from another number than 0.
-        start = np.broadcast_to(np.asarray(attribute(space, "start", 0)), counts.shape)
-        return SpaceActions(counts.shape, kind.name, tuple(map(int, counts.ravel())), start, start)
+        return discrete(counts, attribute(space, "start", 0), kind.name)
     if any(attribute(space, name) is None for name in ("low", "high", "shape")):
         raise SwingupError(f"{shown} are not supported: use a bounded Box, Discrete or MultiDiscrete")
     shape, kind = tuple(map(int, space.shape)), np.dtype(attribute(space, "dtype", np.float32))
@@ -143,12 +119,16 @@ def space_actions(space: Any) -> SpaceActions:
         raise SwingupError(f"{shown} are whole numbers in a Box: make them discrete")
     low, high = (np.broadcast_to(np.asarray(bound, kind), shape) for bound in (space.low, space.high))
     with np.errstate(over="ignore"):  # bounds whose difference overflows are not bounds either
-        bounded = bool(np.isfinite(np.float32(high) - np.float32(low)).all())
-    if not bounded:
-        raise SwingupError(f"{shown} have no bounds to scale to: give the space finite low and high")
-    return SpaceActions(shape, kind.name, (), low, high)
+        unbounded = ~np.isfinite(np.float32(high) - np.float32(low))
+    if unbounded.any():
+        first = tuple(np.argwhere(unbounded)[0].tolist())
+        entry = f"low{list(first)} = {low[first]} and high{list(first)} = {high[first]}"
+        raise SwingupError(f"{shown} have no bounds to scale to, {entry}: give the space finite low and high")
+    return box(shape, low, high, kind.name)
 
 
+# Shape, type and choices decide the program.
+jax.tree_util.register_dataclass(Space, ["low", "high"], ["shape", "dtype", "choices"])
 for _kind in STAGES.values():
     _names = [each.name for each in fields(_kind)]
     # The encoding of the angles decides the shape, and so the program.

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Shaped
 
-from ...areapo.networks import Actor, AnyActor, CategoricalActor, Linear, sample_actions
+from ...areapo.networks import Actor, AnyActor, CategoricalActor, Linear
 from ...common.errors import SwingupError
-from ...common.types import Action, Key, Observation, Scalar, State, Torque
+from ...common.types import Action, Observation, Scalar, State, Torque
 from ...plant.base_parameters import base_parameters
 from ...plant.plant import LEADERBOARD, Plant, Robot
 from ...policy.file import write_network
@@ -83,22 +83,14 @@ def network_of(policy: Policy[Any]) -> Network:
     return Network(policy.stages, trunk, head, std, activation=actor.activation, bounds=bounds)
 
 
-def act(
-    policy: Policy[Any], observations: Float[np.ndarray, "b n"], key: Key | None = None
-) -> Shaped[np.ndarray, "b m"]:
-    """A policy's actions for a batch of observations: its mode, or samples if there is a key."""
-    return np.asarray(_modes(policy, observations) if key is None else _samples(policy, observations, key))
-
-
 @jax.jit
 def _modes(policy: Policy[Any], observations: Float[Array, "b n"]) -> Shaped[Array, "b m"]:
     return jax.vmap(policy)(observations)
 
 
-@jax.jit
-def _samples(policy: Policy[Any], observations: Float[Array, "b n"], key: Key) -> Shaped[Array, "b m"]:
-    noise = policy.actor.noise(key, observations.shape[:1])
-    return sample_actions(policy.actor, jax.vmap(policy.observe)(observations), noise).actions
+def act(policy: Policy[Any], observations: Float[np.ndarray, "b n"]) -> Shaped[np.ndarray, "b m"]:
+    """A policy's deterministic actions for a batch of observations."""
+    return np.asarray(_modes(policy, observations))
 
 
 def _linear(layer: Layer) -> Linear:
