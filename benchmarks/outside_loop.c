@@ -17,6 +17,8 @@ typedef struct {
     double dropout, missing, spoilt; /* held samples, missed calls (s), NaN samples: once a second */
     double q1, q2, phase;          /* at the start (rad), and of the faults (s) */
     double lqr, k1, k2, k3, k4, e1, e2, u1, u2; /* gains, the position that they hold, and torques there */
+    double turned1, turned2, wired1, wired2; /* 1: encoder or motor reversed */
+    double crossed, exchanged;               /* 1: encoders, or motors, are those of the other joint */
 } robot;
 
 enum { ANGLES = 3, STATES = 6, RING = 4096 };
@@ -92,6 +94,15 @@ static void advance(const robot *p, double x[STATES], const double u[2], double 
     }
 }
 
+/* What the encoders show, before they round. */
+static void encoders(const robot *p, const double x[STATES], double shown[2])
+{
+    const double q1 = (p->turned1 > 0.0 ? -x[0] : x[0]) + p->offset1;
+    const double q2 = (p->turned2 > 0.0 ? -x[2] : x[2]) + p->offset2;
+    shown[0] = p->crossed > 0.0 ? q2 : q1;
+    shown[1] = p->crossed > 0.0 ? q1 : q2;
+}
+
 static double rounded(double angle, double quantum)
 {
     return quantum > 0.0 ? quantum * rint(angle / quantum) : angle;
@@ -116,7 +127,7 @@ int simulate(const robot *p, double seconds, int *reason, double *trace)
     static swingup_controller controller;
     static double asked[RING][2];
     double x[STATES] = {p->q1, p->q2, p->q2, 0.0, 0.0, 0.0}, torque[2] = {0.0, 0.0}, u[2] = {0.0, 0.0};
-    double older[2] = {p->q1 + p->offset1, p->q2 + p->offset2}, seen[4] = {0.0}, next[4] = {0.0};
+    double older[2], seen[4] = {0.0}, next[4] = {0.0};
     const long calls = (long)(seconds / p->period);
     long call, tick = 0;
     int i, k, up = 1;
@@ -125,15 +136,17 @@ int simulate(const robot *p, double seconds, int *reason, double *trace)
     for (k = 0; k < RING; k++) {
         asked[k][0] = asked[k][1] = 0.0;
     }
-    next[0] = older[0];
-    next[1] = older[1];
+    encoders(p, x, older);
+    for (i = 0; i < 2; i++) {
+        next[i] = older[i] = rounded(older[i], p->quantum);
+    }
     for (call = 0; call < calls; call++) {
         const double t = (double)call * p->period, within = fmod(t + p->phase, 1.0);
         const double *sample = next;
-        const double shown[2] = {x[0] + p->offset1, x[2] + p->offset2};
-        double x_now[4];
+        double x_now[4], shown[2];
         int absent;
 
+        encoders(p, x, shown);
         /* The controller sees the turn before. */
         if (!(p->dropout > 0.0 && within < p->dropout - 0.5 * p->period)) {
             for (i = 0; i < 4; i++) {
@@ -162,14 +175,14 @@ int simulate(const robot *p, double seconds, int *reason, double *trace)
             const double *acting = asked[(tick + RING - late) % RING];
             double given[2];
             for (i = 0; i < 2; i++) {
-                now[i] = u[i];
+                now[i] = u[p->exchanged > 0.0 ? 1 - i : i] * ((i == 0 ? p->wired1 : p->wired2) > 0.0 ? -1.0 : 1.0);
             }
             for (i = 0; i < 2; i++) {
                 const double rate = i == 0 ? x[3] : x[5], want = gains[i] * swingup_clip(acting[i], limits[i]);
                 double most = limits[i];
                 torque[i] = want + (torque[i] - want) * left;
                 if (torque[i] * rate > 0.0) {
-                    most = swingup_more(most - p->sag * fabs(rate), 0.0);
+                    most = fmax(most - p->sag * fabs(rate), 0.0);
                 }
                 given[i] = swingup_clip(torque[i], most);
                 /* A controller that gives NaN lets go. */

@@ -35,6 +35,7 @@ NAMES = (
     *("spring1", "spring2", "bias1", "bias2", "stiffness", "contact", "backlash", "stiction", "sag"),
     *("dropout", "missing", "spoilt", "q1", "q2", "phase"),
     *("lqr", "k1", "k2", "k3", "k4", "e1", "e2", "u1", "u2"),
+    *("turned1", "turned2", "wired1", "wired2", "crossed", "exchanged"),
 )
 """The C struct's fields, in order."""
 

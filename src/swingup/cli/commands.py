@@ -15,7 +15,7 @@ from .demonstrating import demo_command
 from .exporting import export_command, plot_command, rehearse_command
 from .judging import evaluate_command, leaderboard_command, score_command
 from .output import PROGRAM
-from .pendulums import compare_command, excite_command, identify_command, plant_command
+from .pendulums import compare_command, diagnose_command, excite_command, identify_command, plant_command
 from .refining import refine_command
 from .sweeping import sweep_command
 from .training import train_command
@@ -32,7 +32,7 @@ Start here: demo trains a policy in minutes and shows it.
 
 Judge controllers: evaluate, leaderboard, score.
 
-Make them: train, sweep, refine. Their pendulums: plant, excite, identify.
+Make them: train, sweep, refine. Their pendulums: plant, excite, identify, diagnose.
 
 Show and share them: compare, plot, export, rehearse."""
 
@@ -47,6 +47,7 @@ COMMANDS: dict[str, Command] = {
     "plant": plant_command,
     "excite": excite_command,
     "identify": identify_command,
+    "diagnose": diagnose_command,
     "compare": compare_command,
     "plot": plot_command,
     "export": export_command,

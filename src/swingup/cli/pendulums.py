@@ -1,12 +1,14 @@
-"""The commands about pendulums and their logs: ``plant``, ``excite``, ``identify`` and ``compare``."""
+"""The commands about pendulums and their logs: plant, excite, identify, compare and diagnose."""
 
 import itertools
 import time
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Annotated
 
 from tyro.conf import UseAppendAction, arg
 
+from ..benchmark.diagnosis import diagnose
 from ..benchmark.log_comparison import compare
 from ..common.errors import SwingupError, one_line, quoted
 from ..common.files import check_writable
@@ -17,7 +19,15 @@ from ..plant.chain import READINGS
 from ..plant.files import MODEL_FILES, PARAMETER_FILES, is_model_file, save_plant
 from ..plant.measured import measured_plant
 from ..plant.plant import ROBOTS, torque_over_gravity
-from ..report.log_report import identification_tables, report_comparison, report_identification
+from ..policy.shipped import DEFAULT, is_policy
+from ..rehearsal.process import find_folder
+from ..report.log_report import (
+    diagnosis_tables,
+    identification_tables,
+    report_comparison,
+    report_diagnosis,
+    report_identification,
+)
 from ..report.page import PAGE_FORMATS, save_log_report
 from .arguments import NAMES, PLANTS, DomainName, FileName, Names, RobotName, check_outputs, word_of
 from .output import Progress, foreign_prints_apart, tell, tell_json, tell_table
@@ -246,3 +256,46 @@ def compare_command(
         tell_json(found.as_dict())
     else:
         show_parts(report.parts, [*report.notes, *([f"wrote {out}"] if out else [])])
+
+
+def diagnose_command(
+    log: Annotated[str, arg(metavar="LOG")],
+    /,
+    policy: Annotated[str, arg(metavar="POLICY")] = DEFAULT,
+    plant: Annotated[
+        str | None, arg(metavar="PLANT", help=f"plant that the policy is meant for: {PLANTS}.")
+    ] = None,
+    domain: DomainName | None = None,
+    robot: RobotName | None = None,
+    columns: Names = (),
+    quick: bool = False,
+    out: FileName | None = None,
+    json: bool = False,
+) -> int:
+    """Say why a policy's run failed on the robot, from its log: the likeliest causes, with evidence and remedy.
+
+    The exit status is 1 where the log shows the cause of a failure, and 0 where nothing is wrong that it shows.
+
+    Args:
+        log: what the controller saw and commanded, as swingup identify reads it.
+        policy: the policy: a folder of swingup export, a policy file (.safetensors) or a shipped policy's name.
+        plant: the plant. Default: that of the policy's file.
+        domain: loop that the plant's file lacks: a domain's name or file. What lies in its ranges is no cause.
+        robot: acrobot or pendubot, where neither the policy nor the log's torques say it.
+        columns: names and units of the log's columns, as in swingup identify.
+        quick: leave out the simulations of the policy with the cause and without it.
+        out: page (.html) or figure (.png, .svg, .pdf) to write.
+        json: print one JSON object.
+    """
+    check_outputs(PAGE_FORMATS, out)
+    source: str | Path | None = policy if is_policy(policy) else find_folder(policy).policy
+    if source is None:
+        raise SwingupError(f"{one_line(policy)} has no policy file: give the one that it runs (.safetensors)")
+    found = diagnose(log, source, plant, domain, robot, columns, not quick)
+    if out is not None:
+        save_log_report(report_diagnosis(found), out)
+    if json:
+        tell_json(found.as_dict())
+    else:
+        show_parts(diagnosis_tables(found), [*found.lines, *([f"wrote {out}"] if out else [])])
+    return int(found.named is not None)

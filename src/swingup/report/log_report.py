@@ -7,6 +7,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..benchmark.board import CAUSES, Result
+from ..benchmark.diagnosis import Diagnosis
 from ..benchmark.log_comparison import ClosedLoop, Comparison
 from ..benchmark.values import COLUMNS
 from ..identification.identify import Identification
@@ -289,6 +290,31 @@ def _friction(found: Identification) -> Part:
         ]))  # fmt: skip
     note = "b dq + cf arctan(s dq). The band has both coefficients at the same ends of their 95 % intervals."
     return Part("Friction", note, (), Figure(panels, columns=2))
+
+
+def report_diagnosis(found: Diagnosis) -> LogReport:
+    """Lay a diagnosis out: the causes, the loop and the plant, and the log itself."""
+    recording = found.recording
+    series = [Curve("log", recording.time, each) for each in (*recording.q.T, *recording.dq.T, *recording.u.T)]
+    panels = [Panel(TIME, label, [each]) for label, each in zip((*STATES, *TORQUES), series, strict=True)]
+    log = Part("Log", "What the controller saw and commanded.", (), Figure(panels, shared=True))
+    return LogReport(f"Diagnosis of {recording.name}", found.answer, [*diagnosis_tables(found), log], found.lines)
+
+
+def diagnosis_tables(found: Diagnosis) -> list[Part]:
+    """The tables of a diagnosis."""
+    causes = [[each.name, each.sure, each.text] for each in found.causes]
+    tables = [
+        ("Causes", "Likeliest first.", ("Cause", "Sure", "What the log shows"), causes),
+        ("Loop", "As the log shows it.", ("", "Value"), [list(each) for each in found.loop.items()]),
+        (
+            "Plant and loop",
+            "What differs from what the policy assumes, in ordinary spreads.",
+            ("Name", "Assumed", "Found", "Spreads"),
+            [list(each) for each in found.differences],
+        ),
+    ]
+    return [Part(title, note, [Table(heads, rows)]) for title, note, heads, rows in tables if rows]
 
 
 def report_adaptation(domain: Domain, result: Result) -> LogReport:
