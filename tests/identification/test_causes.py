@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
+from synthetic import DELAY, OFFSETS, TRUTH, simulate, write
 
 from swingup.identification.causes import expected_of, explain, roughness
 from swingup.identification.prediction import integration_of
 from swingup.identification.recording import read_recording
-
-from .synthetic import DELAY, OFFSETS, TRUTH, simulate, write
 
 
 def turned(*columns):

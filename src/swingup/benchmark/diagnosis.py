@@ -40,7 +40,7 @@ from ..plant.plant import Plant, PlantLike, Robot, get_robot
 from ..policy.guard import Fault, Guard, GuardSettings, choose_guard
 from ..policy.numpy_backend import numpy_controller
 from ..policy.pendulum import PendulumPolicy
-from ..policy.shipped import is_policy, load_policy
+from ..policy.shipped import SHIPPED_POLICIES, load_pendulum_policy
 from .board import TipHistory
 from .boards import HARDWARE
 from .recording import driven_robot
@@ -184,10 +184,10 @@ def diagnose(
         SwingupError: the log cannot be read, there is no such policy, plant or domain, or it is for another robot.
     """
     recording = read_recording(log, columns)
-    if robot is None and is_policy(policy) and str(policy).endswith(".safetensors"):
-        robot = load_policy(policy).robot
+    if robot is None and str(policy) not in SHIPPED_POLICIES:
+        robot = load_pendulum_policy(policy).robot
     driven = driven_robot(recording.name, recording.u) if robot is None else get_robot(robot)
-    found = load_policy(policy, driven)
+    found = load_pendulum_policy(policy, driven)
     facts = resolve(found.plant if plant is None else plant, domain)
     guard = choose_guard(True, found.guard, found.period)
     assert guard is not None

@@ -181,7 +181,7 @@ class Balance:
         cost, damping, weight = self._cost(errors, z, active, scale), 1e-3, STRIDE / SPAN
         for _ in range(ROUNDS):
             slopes = np.stack(
-                [self._slope(suspect, z, errors, k, h) for k, h in zip(active, scale, strict=True)], -1
+                [self._slope(suspect, z, errors, int(k), h) for k, h in zip(active, scale, strict=True)], -1
             )
             size = weight / np.sqrt(1.0 + (errors / self.sigma) ** 2) / self.sigma**2
             hessian = np.einsum("nja,njb,nj->ab", slopes, slopes, size) + np.eye(len(active))
@@ -313,7 +313,9 @@ def expected_of(plant: Plant, delay: float, limits: tuple[float, float]) -> Expe
         "sag": max(limits) / speed,
     }
     free |= {"link1": 0.5, "link2": 0.5}
-    rows = ([named.get(name, 0.0) for name in NAMES] for named in (values, ordinary, free))
+    centre, spreads, wide = (
+        np.array([named.get(name, 0.0) for name in NAMES]) for named in (values, ordinary, free)
+    )
     lacking = (plant.changed(m1=0.0, I1=0.0), plant.changed(m2=0.0, I2=0.0))
     links = np.stack([base_parameters(plant) - base_parameters(each) for each in lacking], -1)
-    return Expected(*map(np.array, rows), limits, links)
+    return Expected(centre, spreads, wide, limits, links)
