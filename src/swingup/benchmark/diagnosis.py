@@ -56,6 +56,7 @@ REPLAYED = 1.0  # Time from the start over which the policy's torques are comput
 ALIKE = 0.1  # Share of the limit within which a torque is the policy's
 OWN_SHARE = 0.7  # Share of calls that must be alike for the log to be the policy's
 DELAY = 0.006  # Dead time of a loop that says nothing of its own (s)
+HOLD = 2.0  # Time at the end in which the tip must be up (s)
 MAX_DURATION = 10.0  # Longest simulated run (s)
 PLAY, PLAY_RATIO, PLAY_PERIOD = 2.5e-4, 2.5, 0.005
 """The elbow has play from this roughness (rad), if it is as many times the shoulder's, in loops up to this period
@@ -111,6 +112,7 @@ class Diagnosis:
     robot: Robot
     policy: str
     failure: str | None  # How the run failed; None if it succeeded
+    own: bool  # Whether the torques are the policy's: without that no cause of its failure is named
     loop: Mapping[str, str]  # Facts of the loop, by title
     causes: Sequence[Cause]  # Likeliest first
     differences: Sequence[tuple[str, str, str, str]]  # Entry, assumed, found, and their distance in spreads
@@ -120,7 +122,8 @@ class Diagnosis:
     @property
     def named(self) -> Cause | None:
         """The cause of the failure, if the log shows one."""
-        return self.causes[0] if self.failure and self.causes and self.causes[0].sure != "possible" else None
+        sure = self.failure and self.own and self.causes and self.causes[0].sure != "possible"
+        return self.causes[0] if sure else None
 
     @property
     def answer(self) -> str:
@@ -129,6 +132,8 @@ class Diagnosis:
             return "the run succeeded: there is nothing to explain"
         if self.named is not None:
             return f"{self.named.name}: {self.named.text}"
+        if not self.own:
+            return "the torques of this log are not the policy's: see the notes"
         return "nothing is wrong that this log shows"
 
     @property
@@ -247,18 +252,20 @@ class _Case:
         angles, rates = (part @ best.suspect.angles.T for part in (recording.q, recording.dq))
         true = np.concatenate([angles - best.z[[INDEX["offset1"], INDEX["offset2"]]], rates], axis=1)
         tip = self._tip(recording.time, true)
-        own, notes = self._own_share(states), list(recording.warnings)
-        if own < OWN_SHARE:
+        share, notes = self._own_share(states), list(recording.warnings)
+        own = share >= OWN_SHARE
+        if not own:
             notes.append(
-                f"only {own:.0%} of the first torques are those that {name} gives for the log's states: is it the "
+                f"only {share:.0%} of the first torques are those that {name} gives for its states: is it the "
                 "log's policy, and does the firmware pass [q1, q2, dq1, dq2] in rad and rad/s?"
             )
-        causes = [] if tip.failure is None else self._causes(tip, self.simulates and own >= OWN_SHARE)
+        causes = [] if tip.failure is None else self._causes(tip, self.simulates and own)
         return Diagnosis(
             recording=recording,
             robot=self.robot,
             policy=name,
             failure=tip.failure,
+            own=own,
             loop=self._loop(states),
             causes=causes,
             differences=self._differences(),
@@ -364,7 +371,8 @@ class _Case:
         return self._tip(rows.time[good], rows.x[good])
 
     def _tip(self, time: np.ndarray, states: np.ndarray) -> TipHistory:
-        board: SwingUpBoard = replace(HARDWARE, duration=float(time[-1]), limits=None)
+        hold = HOLD if time[-1] > 2.0 * HOLD else None
+        board: SwingUpBoard = replace(HARDWARE, duration=float(time[-1]), limits=None, hold=hold)
         return follow_tip(time, states, float(self.plant.l1), float(self.plant.l2), board)
 
     def _own_share(self, states: np.ndarray) -> float:
