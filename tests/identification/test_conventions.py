@@ -1,6 +1,8 @@
 """Logs as people have them: each is refused with the option that makes it the same log again, or read as it is."""
 
+import re
 import shlex
+import struct
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,6 +12,8 @@ from synthetic import HEADER, TRUTH, simulate, write
 
 from refusals import refusal
 from swingup.common import array_files
+from swingup.common.columns import parse_columns
+from swingup.common.table import read_table
 from swingup.identification.conventions import check_columns, find_columns
 from swingup.identification.prediction import integration_of, vector_of
 from swingup.identification.recording import read_recording
@@ -64,7 +68,6 @@ CONVENTIONS = {
     "angles of the motors": (each("q", lambda q: 6 * q), "q1=pos_meas1:rad*0.166667 q2=pos_meas2:rad*0.166667"),
     "absolute, up, wrapped": (lambda c: {"q1": wrapped(c.q1 - PI), "q2": wrapped(c.q1 + c.q2 - PI),
                                          "d2": c.d1 + c.d2}, f"q1=pos_meas1+pi {ABSOLUTE}"),
-    "nanoseconds of an epoch": (lambda c: {"t": np.round(1e9 * c.t) + 1.7e18}, "time=time:ns"),
 }  # fmt: skip
 """What was done to a log, and the words that undo it; the first two are not slow."""
 
@@ -152,6 +155,25 @@ def with_stamps(path, table):
     return as_text(names=["sec", "nanosec", *NAMES[1:]])(path, table)
 
 
+def as_joint_states(path, table):
+    """As rostopic writes ROS's joint states, sorted by name; times are nanoseconds since 1970."""
+    titles = [f"field.{name}{k}" for name in ("name", "position", "velocity", "effort") for k in (0, 1)]
+    rows = [
+        f"{round(1e9 * row[0]) + 1764 * 10**15},elbow,shoulder,"
+        + ",".join(f"{each:.12g}" for each in row[[2, 1, 4, 3, 6, 5]])
+        for row in table
+    ]
+    path.with_suffix(".csv").write_text("\n".join([",".join(["%time", *titles]), *rows]))
+    return path.with_suffix(".csv")
+
+
+def with_tags(path, table):
+    """As a camera writes angles."""
+    angles = [function(each) for each in (table[:, 1], table[:, 2]) for function in (np.sin, np.cos)]
+    names = ["time", "tag0_sin", "tag0_cos", "tag1_sin", "tag1_cos", *NAMES[3:]]
+    return as_text(names=names)(path, np.column_stack([table[:, 0], *angles, table[:, 3:]]))
+
+
 def as_mat(compressed, names=lambda q: {"q": q}):
     def save(path, table):
         log = {"t": table[:, :1], "u": table[:, 5:]} | names(table[:, 1:3])
@@ -192,6 +214,9 @@ FILES = {
     "ROS": (with_stamps, "time=sec+nanosec*1e-09"),
     "numbers in brackets": (as_text(names=["t", "q[0]", "q[1]", "qd[0]", "qd[1]", "tau[0] (Nm)", "tau[1] (Nm)"]),
                             "q1=q[0] q2=q[1] dq1=qd[0] dq2=qd[1] u1=tau[0] u2=tau[1]"),
+    "names in the rows": (as_joint_states, "q1=field.position1 q2=field.position0 dq1=field.velocity1 "
+                          "dq2=field.velocity0 u1=field.effort1 u2=field.effort0"),
+    "sines and cosines": (with_tags, "q1=atan2(tag0_sin,tag0_cos) q2=atan2(tag1_sin,tag1_cos)"),
     "torques of other names": (as_text(names=[*NAMES[:5], "torque1", "torque2"]), "u1=torque1 u2=torque2"),
     "one torque": (as_text(names=[*NAMES[:6], "none"]), "u1=tau_con1 u2=0"),
 }  # fmt: skip
@@ -228,9 +253,21 @@ MALFORMED = {
     "q1=pos_meas1:counts/0": "q1 in 'counts/0': the units are rad,",
     "q1=pos_meas1*1e999": "q1 from 'pos_meas1*1e999': use a number from 0 to 1e+21",
     "q1=pos_meas1+1e999": "use a number from 0",
-    "q1=pos_meas1*0.7.1": "has no column 'pos_meas1*0.7.1'",
-    "q1=pos_meas1+": "has no column 'pos_meas1+'",
-    "q1=#0": "has no column '#0'",
+    "q1=pos_meas1*0.7.1": "it cannot be read behind 'pos_meas1*0.7'",
+    "q1=pos_meas1+": "it cannot be read behind 'pos_meas1+'",
+    "q1=8pos_meas1": "it cannot be read behind '8'",
+    "q1=#0": "there is no column '#0'",
+    "q1=pos_meas1+other": "there is no column 'other': its 7 columns are time, pos_meas1,",
+    "q1=tan(pos_meas1)": "there is no function 'tan', but atan2,",
+    "q1=atan2(pos_meas1)": "'atan2(pos_meas1)' needs 2 arguments",
+    "q1=2*pos_meas1*(pos_meas2+1)": "'2*pos_meas1*(pos_meas2+1)' multiplies two columns",
+    "q1=1/pos_meas1": "'1/pos_meas1' divides by something else than a number",
+    "q1=pos_meas1^2": "'^2' is not part of an expression",
+    "q1=pos_meas1**2": "'pos_meas1**2' is not a sum",
+    "q1=" + "(" * 250 + "pos_meas1" + ")" * 40: "it",
+    "q1=3.5": "it is a number",
+    "angle=pos_meas1": "--columns maps 'angle', which nobody reads: the names are time, q1, q2,",
+    "tau_pert1=vel_meas1+vel_meas2": "--columns maps tau_pert1, which is not read: map tau_pert2 as well",
     "q1=pos_meas1*1e20": "q1=pos_meas1*1e+20 reaches",
 }
 """Words that map no column, and what is said of them."""
@@ -239,6 +276,56 @@ MALFORMED = {
 @pytest.mark.parametrize("word", MALFORMED)
 def test_a_malformed_expression_is_named_at_its_place(tmp_path, table, word):
     assert MALFORMED[word] in refusal(read_recording, write(tmp_path / "log.csv", table[:200]), [word])
+
+
+def test_an_expression_is_the_number_that_it_says(tmp_path, table):
+    words = [
+        "q1=-(pos_meas1 - 2*pos_meas2)/2 + pi/4:rad",
+        "q2=pos_meas2",
+        "time=20:ms",
+        "dq1=clip(vel_meas1,-1,0.5)",
+        "dq2=#5",
+    ]
+    found, rows = read_table(write(tmp_path / "log.csv", table[:50]), [(("time",),), (("pos_meas1", "pos_meas2"),),
+                             (("vel_meas1", "vel_meas2"),)], columns=words), table[:50]  # fmt: skip
+    np.testing.assert_allclose(found.values["pos_meas1"], PI / 4 - rows[:, 1] / 2 + rows[:, 2])
+    np.testing.assert_allclose(found.values["vel_meas1"], np.clip(rows[:, 3], -1, 0.5))
+    np.testing.assert_allclose(found.values["time"], 0.02 * np.arange(50))
+    # What is said of a column is read again as the same.
+    again = [column.word(name) for name, column in found.sources.items()]
+    other = parse_columns("log.csv", again, NAMES)
+    assert [column.word(name) for name, column in other.items()] == again
+
+
+def test_goals_of_servos_are_a_law_whose_gains_the_starting_plant_tells(tmp_path, table):
+    """u = 8 (goal - angle) - 0.3 velocity of joint 1, so that goal = angle + (u + 0.3 velocity) / 8."""
+    gains = (np.array([8.0, 5.0]), np.array([0.3, 0.1]))
+    goals = table[:, 1:3] + (table[:, 5:] + gains[1] * table[:, 3:5]) / gains[0]
+    path = write(tmp_path / "log.csv", np.column_stack([table[:, :5], goals]), HEADER.replace("tau_con", "goal"))
+    found = find_columns(read_recording(path), SETTING, vector_of(TRUTH))
+    assert "goals of servos" in found.text
+    told = [[float(each) for each in re.findall(r"\*([\d.]+)", word)] for word in found.remedy]
+    np.testing.assert_allclose([each[0] for each in told], gains[0], rtol=0.1)
+    np.testing.assert_allclose([each[1] for each in told], [each[0] for each in told])
+    right = [
+        f"u{k + 1}=8*(goal1-pos_meas1)-0.3*vel_meas1" if k == 0 else "u2=5*goal2-5*pos_meas2-vel_meas2*0.1"
+        for k in (0, 1)
+    ]
+    np.testing.assert_allclose(read_recording(path, right).u, table[:, 5:], atol=1e-6)
+
+
+def test_matlabs_objects_long_arrays_and_matrices_of_several_runs(tmp_path, table):
+    savemat(tmp_path / "log.mat", {"short": np.zeros((9, 6)), "x": np.tile(table[:450, 1:7] + 0.3, (2, 1))})
+    recording = read_recording(tmp_path / "log.mat", ["time=0.003", "q1=x#1", "q2=x#2", "u1=x#5", "u2=x#6"])
+    assert recording.period == pytest.approx(0.003)
+    # The level-5 file of an object in MATLAB's own classes: flags, name, kind of system, class.
+    parts = [(6, struct.pack("<II", 17, 0)), (1, b"ts".ljust(8, b"\0")[:2]), (1, b"MCOS"), (1, b"timeseries")]
+    body = b"".join(struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8) for kind, data in parts)
+    (tmp_path / "object.mat").write_bytes(
+        b"MATLAB 5.0".ljust(124) + struct.pack("<HH", 0x0100, 0x4D49) + struct.pack("<II", 14, len(body)) + body
+    )
+    said = refusal(read_recording, tmp_path / "object.mat")
+    assert "its ts is MATLAB's timeseries, not read: t = ts.Time; x = squeeze(ts.Data); save(" in said
 
 
 def put(rows, columns, value):

@@ -42,11 +42,23 @@ def word_of(kind: str, *words: str) -> Any:
 
 
 def split_commas(*values: str) -> tuple[str, ...]:
-    """Values of one option, which spaces or commas may separate; a file whose name has a comma is one value."""
-    parts = [part for value in values for part in ([value] if Path(value).is_file() else value.split(",")) if part]
+    """Values of one option, which spaces or commas may separate, but not those in parentheses or a file's name."""
+    parts = [part for value in values for part in ([value] if Path(value).is_file() else _split(value)) if part]
     if not "".join(parts).strip():  # from a shell's variable that is not set
         raise SwingupError("an option that takes one value or more has none: give a value, or leave the option out")
     return tuple(parts)
+
+
+def _split(text: str) -> list[str]:
+    """The parts between commas that stand outside of parentheses, as those of atan2(s,c) do not."""
+    parts, depth = [""], 0
+    for letter in text:
+        depth += (letter == "(") - (letter == ")")
+        if letter == "," and depth <= 0:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return parts
 
 
 NAMES = value_of(split_commas, "NAME...", "*")

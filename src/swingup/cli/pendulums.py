@@ -182,8 +182,8 @@ def identify_command(
         out: files for the plant, .yml, .urdf or .xml; its ranges go to FILE-domain.yml beside the first.
         known: values that you know, as m2r2=0.16, Ir=6e-5 or gain=0.85.
         sessions: a session's label for each log, test logs last.
-        columns: names and units of the logs' columns, as time=t:ms q1=theta1:deg u1=current1:A*0.7 q2=b-a, or names
-            in order, with _ for a column that is not read.
+        columns: names and units of the logs' columns, as time=t:ms q1=theta1:deg u1=current1:A*0.7 q2=b-a
+            u2=8*goal-8*b, or names in order, with _ for a column that is not read.
         force: take logs as they are that look wrong.
         seed: seed of the intervals' bootstrap.
         page: page (.html) or figure (.png, .svg, .pdf): windows, residuals, friction curves and held-out errors.

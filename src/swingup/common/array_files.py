@@ -13,7 +13,7 @@ import zlib
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,27 +24,59 @@ LARGEST_ARRAYS = 512_000_000  # bytes of a file's arrays, once they are unpacked
 
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _MATRIX, _COMPRESSED = 14, 15
-_STRUCTURE, _NUMBERS = 2, range(6, 16)
+_STRUCTURE, _OBJECT, _OPAQUE, _NUMBERS = 2, 3, 17, range(6, 16)
 _MAXIMUM_DEPTH = 8
 """Codes of MATLAB's types, elements and classes, and the depth of structures within one another."""
 
 
-def read_arrays(path: str | Path, content: bytes) -> dict[str, np.ndarray]:
-    """Columns of the file's commonest length by name; a column may have one row less or more."""
+def read_arrays(path: str | Path, content: bytes) -> tuple[dict[str, np.ndarray], str]:
+    """Columns of one length by name, and what is not read, with a remedy.
+
+    The length is the greatest that three columns or more have, a time and two angles, or else the commonest; a
+    column may have one row less or more.
+    """
     mat = Path(path).suffix.lower() == ".mat"
     try:
-        arrays = _named(list(_columns((), _read_mat(content) if mat else _read_numpy(io.BytesIO(content)))))
+        found = _read_mat(content) if mat else _read_numpy(io.BytesIO(content))
+        arrays, objects = _named(list(_columns((), found))), list(_objects("", found))
     except SwingupError as error:
         raise SwingupError(f"{path} {error}") from error
     except Exception as error:  # readers of foreign files raise anything
         raise SwingupError(
             f"cannot read {path}: it is damaged, or not the kind of file that its name says (mat: of -v6 or -v7)"
         ) from error
+    unread = "".join(
+        f"; its {name} is MATLAB's {kind}, not read: {_plain_line(name, kind)}" for name, kind in objects
+    )
     if not arrays:
-        raise SwingupError(f"{path} has no array of numbers: save time, angles and torques as arrays")
-    length = Counter(map(len, arrays.values())).most_common(1)[0][0]
+        raise SwingupError(f"{path} has no array of numbers: save time, angles and torques as arrays{unread}")
+    counts = Counter(map(len, arrays.values()))
+    length = max((length for length in counts if counts[length] > 2), default=counts.most_common(1)[0][0])
     # Torques may have one row less than the states between which they act.
-    return {title: column for title, column in arrays.items() if abs(len(column) - length) <= 1}
+    return {title: column for title, column in arrays.items() if abs(len(column) - length) <= 1}, unread
+
+
+def _objects(name: str, found: Any) -> Iterator[tuple[str, str]]:
+    """Names and classes of MATLAB's objects in a file."""
+    if isinstance(found, _Object):
+        yield name, found.kind
+    for key, each in found.items() if isinstance(found, dict) else ():
+        yield from _objects(f"{name}.{key}".removeprefix("."), each)
+
+
+def _plain_line(name: str, kind: str) -> str:
+    """MATLAB's line that saves an object as arrays."""
+    if kind in ("table", "timetable"):
+        return f"write{kind}({name}, 'plain.csv')"
+    if kind == "timeseries":
+        return f"t = {name}.Time; x = squeeze({name}.Data); save('plain.mat', 't', 'x', '-v7')"
+    return f"s = struct({name}); save('plain.mat', '-struct', 's', '-v7')"
+
+
+class _Object(NamedTuple):
+    """A value of one of MATLAB's classes, whose content is not read."""
+
+    kind: str
 
 
 def _read_mat(content: bytes) -> dict[str, Any]:
@@ -58,7 +90,7 @@ def _read_mat(content: bytes) -> dict[str, Any]:
     for kind, data in _elements(content[128:], order, LARGEST_ARRAYS):
         if kind == _MATRIX:
             name, value = _matrix(data, order, _MAXIMUM_DEPTH)
-            if value is not None:
+            if value is not None and name:  # what has no name belongs to the objects
                 found[name] = value
     return found
 
@@ -92,13 +124,18 @@ def _elements(data: bytes, order: str, budget: int | None = None) -> Iterator[tu
 def _matrix(data: bytes, order: str, depth: int) -> tuple[str, Any]:
     """Name and value of a matrix; None for what is not numbers."""
     parts = list(_elements(data, order))
-    flags, dimensions = (_numbers(*part, order) for part in parts[:2])
+    flags = _numbers(*parts[0], order)
+    if int(flags[0]) & 0xFF == _OPAQUE:  # it has no dimensions: name, kind of system, class
+        return parts[1][1].decode("latin-1"), _Object(parts[3][1].decode("latin-1"))
+    dimensions = _numbers(*parts[1], order)
     name, kind = parts[2][1].decode("latin-1"), int(flags[0]) & 0xFF
     if kind in _NUMBERS:
         values, shape = _numbers(*parts[3], order), dimensions.tolist()
         if math.prod(shape) != len(values):
             raise ValueError("an array of another size than it says")
         return name, values.reshape(shape, order="F")
+    if kind == _OBJECT:
+        return name, _Object(parts[3][1].decode("latin-1"))
     if kind != _STRUCTURE or depth == 0:
         return name, None
     length = max(int(_numbers(*parts[3], order)[0]), 1)
@@ -139,6 +176,8 @@ def _columns(path: tuple[str, ...], found: Any) -> Iterator[tuple[tuple[str, ...
     if isinstance(found, dict):
         for name, each in found.items():
             yield from _columns((*path, str(name)), each)
+        return
+    if isinstance(found, _Object):
         return
     array = np.asarray(found)
     if array.dtype.names:

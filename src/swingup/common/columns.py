@@ -1,17 +1,17 @@
 """Columns of a table in terms of a file's, as in q1=theta1+180:deg, and their units.
 
-A word maps one column, NAME=EXPRESSION[:UNIT]. The expression adds and subtracts titles of the file (or #3, its
-third column), as they are or times a number, and numbers or pi. The unit applies to the whole expression; without
-one it is SI's.
+A word maps one column, NAME=EXPRESSION[:UNIT] (``expressions``). The unit applies to the whole expression; without
+one it is SI's. A torque may be the number 0, and the time a period, as in time=0.02.
 """
 
 import contextlib
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from .errors import SwingupError, naming, quoted
+from .expressions import NUMBER, Call, Expression, checked_number, parse_expression
 
 DEGREE, TURN = math.pi / 180, 2 * math.pi
 UNITS: Mapping[str, Mapping[str, float]] = {
@@ -40,9 +40,7 @@ SPELLINGS = {
 """Other spellings, without spaces, points, hyphens and capitals."""
 
 
-NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"  # in an expression, as 1e-9
-LARGEST_FACTOR, SMALLEST_UNIT = 1e21, 1e-15
-"""Times since 1970 in nanoseconds have 19 digits, and no unit of a pendulum comes near either."""
+SMALLEST_UNIT = 1e-15  # no unit of a pendulum comes near it
 SHORT_NAMES = {
     f"{short}{joint}": f"{long}{joint}"
     for short, long in (("q", "pos_meas"), ("dq", "vel_meas"), ("u", "tau_con"))
@@ -56,25 +54,12 @@ SHORT = {long: short for short, long in SHORT_NAMES.items() if short != "t"}
 class MappedColumn:
     """One column in terms of a file's."""
 
-    terms: tuple[tuple[float, str], ...]  # Factors, mostly signs, and titles; "#3" is the third column
-    constant: float = 0.0  # What is added, in the unit
+    expression: Expression
     unit: str = ""  # The unit as the user wrote it; SI without one
 
     def word(self, name: str) -> str:
         """The word that maps a column to this one."""
-        text = "".join(
-            "+-"[factor < 0] + title + f"*{abs(factor):.10g}" * (abs(factor) != 1) for factor, title in self.terms
-        ).removeprefix("+")
-        if self.constant:
-            size = abs(self.constant)
-            pi = next((word for word in ("pi", "pi/2") if abs(size - _value(word)) < 1e-9), "")
-            text += "+-"[self.constant < 0] + (pi or f"{size:.10g}")
-        return f"{SHORT.get(name, name)}={text or '0'}{self.unit and ':' + self.unit.replace(' ', '')}"
-
-    def signed(self, sign: int) -> "MappedColumn":
-        """This column, or its negative."""
-        terms = tuple((sign * factor, title) for factor, title in self.terms)
-        return replace(self, terms=terms, constant=sign * self.constant)
+        return f"{SHORT.get(name, name)}={self.expression}{self.unit and ':' + self.unit.replace(' ', '')}"
 
 
 def unit_size(name: str, unit: str) -> float:
@@ -95,7 +80,7 @@ def unit_size(name: str, unit: str) -> float:
         known += ["counts/4096"] if name.startswith("pos") else []
         raise SwingupError(f"{SHORT.get(name, name)} in {quoted(unit, 20)}: the units are {', '.join(known)}")
     with naming(f"{SHORT.get(name, name)} in {quoted(unit, 20)}"):
-        return size * _value(factor or "1", SMALLEST_UNIT)
+        return size * checked_number(factor or "1", SMALLEST_UNIT)
 
 
 def is_unit(text: str) -> bool:
@@ -133,91 +118,77 @@ def parse_columns(path: object, words: Sequence[str], titles: Sequence[str]) -> 
 def _parse_column(path: object, name: str, text: str, titles: Sequence[str]) -> MappedColumn:
     """A column from the expression and unit of a word."""
     if text in titles:  # whatever signs the title has
-        return MappedColumn(((1, text),))
+        return MappedColumn(Expression(((1, text),)))
     expression, _, unit = text.rpartition(":") if ":" in text else (text, "", "")
-    if expression.isdecimal() and _is_place(expression, titles):
+    if expression.isdecimal() and 1 <= int(expression[:9]) <= len(titles):
         expression = f"#{expression}"
-    with naming(f"{SHORT.get(name, name)} from {quoted(expression, 40)}"):
-        parsed = _parse_sum(expression, titles)
-    # A torque may be zero throughout; nothing else is constant.
-    if parsed is None or not (parsed.terms or (name.startswith("tau") and expression == "0")):
-        raise SwingupError(
-            f"{path} has no column {quoted(text[:40])}: its {len(titles)} columns are "
-            f"{', '.join(filter(None, titles)) or 'without names'}; write NAME=TITLE, NAME=TITLE:UNIT, NAME=3 for "
-            "the third, or names in the columns' order"
-        )
+    with naming(f"{path}: {SHORT.get(name, name)} from {quoted(expression, 40)}"):
+        parsed = parse_expression(expression, titles)
+        is_period = name == "time" and parsed.constant > 0
+        if not (parsed.terms or is_period or (name.startswith("tau") and parsed.constant == 0)):
+            raise SwingupError(
+                "it is a number: write NAME=TITLE, NAME=TITLE:UNIT, NAME=3 for the third column, or names in the "
+                "columns' order"
+            )
     unit_size(name, unit)  # refuses an unknown one
-    return replace(parsed, unit=unit)
-
-
-def _parse_sum(expression: str, titles: Sequence[str]) -> MappedColumn | None:
-    """The terms and the constant of an expression; None if it is not a sum of titles and numbers."""
-    known = "|".join(re.escape(title) for title in sorted(set(titles) - {""}, key=len, reverse=True))
-    summand = re.compile(rf"\s*([-+]?)\s*(?:({known or '(?!)'}|#\d+)(?:\*({NUMBER}))?|(pi(?:/[1-9]\d*)?|{NUMBER}))")
-    terms, constant, place = list[tuple[float, str]](), 0.0, 0
-    while place < len(expression):
-        found = summand.match(expression, place)
-        if found is None or (place and not found[1]):
-            return None
-        sign, title, factor, number = found.groups()
-        if title and title not in titles and not _is_place(title[1:], titles):
-            return None
-        value = (-1 if sign == "-" else 1) * _value(number or factor or "1")
-        if title:
-            terms.append((value, title))
-        else:
-            constant += value
-        place = found.end()
-    return MappedColumn(tuple(terms), constant)
-
-
-def _is_place(text: str, titles: Sequence[str]) -> bool:
-    return 1 <= int(text[:9]) <= len(titles)
-
-
-def _value(text: str, minimum: float = 0.0) -> float:
-    """A number of an expression: digits, or a part of pi."""
-    pi, _, part = text.partition("/")
-    value = math.pi / float(part or 1) if pi == "pi" else float(text)
-    if not minimum <= value <= LARGEST_FACTOR:
-        raise SwingupError(f"use a number from {minimum:g} to {LARGEST_FACTOR:g} in place of {text[:40]}")
-    return value
+    return MappedColumn(parsed, unit)
 
 
 _KINDS = {
     "time": r"time|zeit|stamp|^t$|^t[_ ]|^ts$|^sec|^n(ano)?sec",
     "dq": r"vel|omega|speed|dot|geschw|drehzahl|rpm|^d(q|th|phi)|^qd|^w_?\d?$|rate",
-    "u": r"tau|torque|moment|effort|current|strom|^u|^[im]_?\d|^iq|cmd|amp",
+    "u": r"tau|torque|moment|effort|current|strom|^u|^[im]_?\d|^iq|cmd|amp|duty|pwm",
     "q": r"pos|ang|theta|phi|winkel|^q|^th|enc|gelenk|joint",
 }
 """Words in the titles that people give, tried in order."""
 _WANTED = re.compile(r"des|ref|goal|soll|target|filt")
 """A title with one of these comes after others like it: it was not measured."""
+_GOAL = r"goal|target|setpoint|soll|des|ref"
 _STAMP = (r"(^|[^no])secs?$", r"n(ano)?secs?$")
 """Ends of ROS's titles for the seconds and nanoseconds of a time."""
+NO_LABELS: Mapping[str, str] = {}
 _JOINTS = {"1": r"shoulder|schulter|upper|first", "2": r"elbow|ell|lower|second"}
 
 
-def suggest_columns(titles: Sequence[str], names: Sequence[str]) -> list[str]:
-    """Words that map the columns of these names, as far as other people's titles tell them."""
+def suggest_columns(
+    titles: Sequence[str], names: Sequence[str], labels: Mapping[str, str] = NO_LABELS
+) -> list[str]:
+    """Words that map the columns of these names, as far as other people's titles tell them.
+
+    ``labels`` are joints' names by title, where the rows say them, as those of ROS do.
+    """
     likely: dict[str, MappedColumn] = {}
-    kinds = {title: _kind_of(title) for title in titles}
+    # A camera has an angle's sine and cosine.
+    cosines = {
+        title: other for title in titles if (other := title.replace("sin", "cos")) != title and other in titles
+    }
+    kinds = {title: "q" if title in cosines else _kind_of(title) for title in titles}
     for kind in _KINDS:
-        mine = [title for title in titles if kinds[title] == kind]
+        mine = [title for title in titles if kinds[title] == kind and title not in cosines.values()]
         mine.sort(key=lambda title: bool(_WANTED.search(title)))
         # ROS counts seconds and the nanoseconds beyond them apart.
         whole, rest = (next((t for t in mine if re.search(end, t.lower())), "") for end in _STAMP)
         if kind == "time" and whole and rest:
-            likely["time"] = MappedColumn(((1, whole), (1e-9, rest)))
-        digits = {title: (re.findall(r"\d+", title) or [""])[-1] for title in mine}
+            likely["time"] = MappedColumn(Expression(((1, whole), (1e-9, rest))))
+        told = {title: labels.get(title, title).lower() for title in mine}
+        digits = {title: (re.findall(r"\d+", told[title]) or [""])[-1] for title in mine}
         shift = 1 if "0" in digits.values() else 0
         for place, title in enumerate(mine, start=1):
-            joint = next((j for j, word in _JOINTS.items() if re.search(word, title.lower())), "")
+            joint = next((j for j, word in _JOINTS.items() if re.search(word, told[title])), "")
             joint = joint or (str(int(digits[title][:6]) + shift) if digits[title] else str(place))
             short = kind if kind == "time" else kind + joint
             name = SHORT_NAMES.get(short, short)
-            likely.setdefault(name, MappedColumn(((1, title),), 0.0, _unit_at_end(name, title)))
+            atom: str | Call = title
+            if title in cosines:
+                atom = Call("atan2", tuple(Expression(((1, each),)) for each in (title, cosines[title])))
+            likely.setdefault(name, MappedColumn(Expression(((1, atom),)), _unit_at_end(name, title)))
     return [likely[name].word(name) for name in names if name in likely]
+
+
+def find_goals(titles: Sequence[str]) -> tuple[str, str] | None:
+    """Titles of both servos' goals, in the order of their digits; None without two."""
+    found = sorted(title for title in titles if re.search(_GOAL, title.lower()) and _kind_of(title) in ("", "q"))
+    return (found[0], found[1]) if len(found) == 2 else None
 
 
 def _kind_of(title: str) -> str:

@@ -11,7 +11,7 @@ import math
 import re
 import shlex
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
@@ -22,14 +22,17 @@ from jaxtyping import Float
 
 from .array_files import ARRAY_FILES, read_arrays
 from .checks import LARGEST_NUMBER
-from .columns import SHORT_NAMES, MappedColumn, is_unit, parse_columns, suggest_columns, unit_size
+from .columns import SHORT, SHORT_NAMES, UNITS, MappedColumn, is_unit, parse_columns, suggest_columns, unit_size
 from .errors import SwingupError, quoted
+from .expressions import Expression
 from .files import read_bytes, write_atomically
 
 Names = tuple[str, ...]  # columns that belong together
 
+SI_UNITS = ("", *(next(iter(units)) for units in UNITS.values()))
 MINIMUM_ROWS = 3  # the swing-up time looks at the rows between the first and the last
 EPOCH = 1e6  # A time beyond this (in its unit) counts from another day: the clock then starts at 0
+NANOSECONDS = 1e17  # A time beyond this counts nanoseconds since 1970: in microseconds it would be 3,000 years
 MINIMUM_STEPS = 20  # steps of a rounded time that show the rate of rows: after n of them it may be off by 1/n²
 REPEATED_SHARE = 0.2  # share of rows that repeat a time from which times are rounded; fewer are faults
 LARGEST_TABLE = 64_000_000  # bytes of a file: a minute at 1 kHz with 17 columns has 25 MB
@@ -83,10 +86,18 @@ def read_table(
     titles = [
         name if not gaps or _filled(column) else "" for name, column in zip(cells.names, cells.columns, strict=True)
     ]
-    sources = _find_sources(path, titles, groups, columns)
-    chosen = _choose(path, titles, sources, groups, optional)
+    mapped = parse_columns(path, columns, titles)
+    known = dict.fromkeys([*(name for group in groups for names in group for name in names), *optional])
+    if unknown := [name for name in mapped if name not in known]:
+        names = ", ".join(SHORT.get(name, name) for name in known)
+        raise SwingupError(
+            f"{path}: --columns maps {quoted(unknown[0])}, which nobody reads: the names are {names}"
+        )
+    sources = _find_sources(titles, groups, mapped)
+    chosen = _choose(path, cells, titles, sources, groups, optional)
+    _check_read(path, mapped, chosen, groups)
     sources = {name: _with_unit(path, name, sources[name], cells) for name in chosen}
-    used = {cells.place(title) for column in sources.values() for _, title in column.terms}
+    used = {cells.place(title) for column in sources.values() for title in column.expression.titles}
     if cells.surplus:
         # A trailing comma is harmless. A decimal comma makes one cell too many.
         raise SwingupError(f"{path}, line {cells.surplus} has more cells than columns: write decimals with a point")
@@ -110,6 +121,7 @@ class _Cells:
     columns: list[list[Any]]  # texts, or an array's numbers; empty texts where a row ends early
     lines: Sequence[int]  # number of each row's line in the file, from 1
     surplus: int = 0  # the first line with more cells than there are columns; 0 if there is none
+    unread: str = ""  # what of the file is not read, with a remedy
 
     def place(self, title: str) -> int:
         """The place of a column, by its name or as #3."""
@@ -150,12 +162,12 @@ def _filled(column: Sequence[Any]) -> int:
 
 
 def _find_sources(
-    path: object, titles: list[str], groups: Sequence[Sequence[Names]], columns: Sequence[str]
+    titles: list[str], groups: Sequence[Sequence[Names]], mapped: Mapping[str, MappedColumn]
 ) -> dict[str, MappedColumn]:
     """Every column that the file has, by name: as its user maps it, or by its title."""
-    mapped = parse_columns(path, columns, titles)
     # A title that the user maps to another name has that one alone, unless it is used for its own as well.
-    taken = {title for column in mapped.values() for _, title in column.terms if len(column.terms) == 1}
+    single = [terms[0][1] for column in mapped.values() if len(terms := column.expression.terms) == 1]
+    taken = {title for title in single if isinstance(title, str)}
     taken |= {titles[int(title[1:]) - 1] for title in taken if re.fullmatch(r"#\d+", title)}
     found = {}
     for title in titles:
@@ -163,7 +175,7 @@ def _find_sources(
             name = SHORT_NAMES.get(title, title)
             # Beside q0, q1 is the elbow: short names count in pairs.
             ours = name not in titles and (title == "t" or {title[:-1] + "1", title[:-1] + "2"} <= set(titles))
-            found[name if ours else title] = MappedColumn(((1, title),))
+            found[name if ours else title] = MappedColumn(Expression(((1, title),)))
     found |= mapped
     # What is mapped of a pair goes before other names of the pair, which complete it.
     for group in groups:
@@ -177,8 +189,32 @@ def _find_sources(
     return found
 
 
+def _check_read(
+    path: object, mapped: Collection[str], chosen: Sequence[str], groups: Sequence[Sequence[Names]]
+) -> None:
+    """Refuse names that the user maps in vain: another choice of their group is read."""
+    for name in mapped:
+        if name not in chosen:
+            pair = next(names for group in groups for names in group if name in names)
+            others = [SHORT.get(each, each) for each in pair if each not in mapped]
+            remedy = f"map {others[0]} as well, {others[0]}=0 if that joint has none" if others else "leave it out"
+            raise SwingupError(f"{path}: --columns maps {SHORT.get(name, name)}, which is not read: {remedy}")
+
+
+def _labels(cells: "_Cells") -> dict[str, str]:
+    """Names of joints by title, where the rows say them: name0 is that of position0, as in ROS's joint states."""
+    found = {}
+    for title, column in zip(cells.names, cells.columns, strict=True):
+        parts = re.fullmatch(r"(.*)name(\D?\d+\D?)", title)
+        if parts and len(texts := {str(cell) for cell in column}) == 1 and _number(text := texts.pop()) is None:
+            ours = (each for each in cells.names if each.startswith(parts[1]) and each.endswith(parts[2]))
+            found |= dict.fromkeys(ours, text)
+    return found
+
+
 def _choose(
     path: object,
+    cells: "_Cells",
     titles: list[str],
     sources: Mapping[str, MappedColumn],
     groups: Sequence[Sequence[Names]],
@@ -191,24 +227,33 @@ def _choose(
     if not missing:
         return chosen + (list(optional) if set(optional) <= set(sources) else [])
     complete = [name for names in best if set(names) <= set(sources) for name in names]
-    used = {title for name in complete for _, title in sources[name].terms}
+    used = {title for name in complete for title in sources[name].expression.titles}
     free = [title for title in titles if title and title not in used]
     wanted = [name for names in best if set(names) & set(missing) for name in names]
     absent = [name for group, names in zip(groups, best, strict=True) if not names for name in group[0]]
     # Where a column is not there at all, those of the others do not help.
-    found = len(suggest_columns(free, wanted)) == len(wanted)
-    words = shlex.join(suggest_columns(free, wanted + absent) if found else ())
-    remedy = f"write --columns {words}, if these are theirs" if words else "map columns with --columns NAME=TITLE"
+    labels = _labels(cells)
+    found = len(suggest_columns(free, wanted, labels)) == len(wanted)
+    words = shlex.join(suggest_columns(free, wanted + absent, labels) if found else ())
+    remedy = (
+        f"write --columns {words}, if these are theirs"
+        if words
+        else "map columns with --columns NAME=TITLE, or q1=x#3 of a matrix x, and rows without a time as time=0.02"
+    )
     have = quoted(", ".join(filter(None, titles)), 200)
-    raise SwingupError(f"{path} lacks {', '.join(missing)}: {remedy}; it has {have}")
+    raise SwingupError(f"{path} lacks {', '.join(missing)}: {remedy}; it has {have}{cells.unread}")
 
 
 def _with_unit(path: object, name: str, column: MappedColumn, cells: _Cells) -> MappedColumn:
     """The column with the unit of its title, where its user gives none."""
-    for _, title in column.terms:
+    for title in column.expression.titles:
         if (count := cells.names.count(title)) > 1:
             raise SwingupError(f"{path} has {count} columns {title}: keep one of them")
-    units = list(dict.fromkeys(cells.units[cells.place(title)] for _, title in column.terms))
+    found = dict.fromkeys(cells.units[cells.place(title)] for title in column.expression.titles)
+    # A factor may be a gain, as of rad in N m, and a function's result has a unit of its own.
+    units = [unit for unit in found if column.expression.is_plain or unit not in SI_UNITS]
+    if name == "time" and not column.unit and abs(_epoch(cells, column)) >= NANOSECONDS:
+        return replace(column, unit="ns")
     if column.unit or not any(units):
         return column
     try:
@@ -228,18 +273,19 @@ def _values(
 ) -> Float[np.ndarray, "rows"]:
     """A column's numbers in SI units."""
     epoch = _epoch(cells, column) if is_time else Decimal(0)
-    constant = np.full(len(cells.lines), column.constant)
-    parts = [constant] if column.constant or not column.terms else []
-    for factor, title in column.terms:
-        label, numbers = name if len(column.terms) == 1 or is_time else title, []
+
+    def read(title: str) -> np.ndarray:
+        label, numbers = name if len(column.expression.titles) == 1 or is_time else title, []
         for line, cell in zip(cells.lines, cells.columns[cells.place(title)], strict=True):
             try:
                 numbers.append(_checked(cell, label == "time", gaps, epoch))
             except SwingupError as error:
                 raise SwingupError(f"{path}, line {line}, column {label}: {error}") from error
-        parts.append(factor * np.array(numbers))
-    # Without a first zero, to which -0.0 would be added.
-    values = sum(parts[1:], parts[0]) * unit_size(name, column.unit)
+        return np.array(numbers)
+
+    values = column.expression.evaluate(read, len(cells.lines)) * unit_size(name, column.unit)
+    if is_time and not column.expression.terms:  # a period
+        values = values * np.arange(len(values))
     if not is_time and (largest := float(np.max(np.abs(np.nan_to_num(values)), initial=0.0))) > LARGEST_NUMBER:
         raise SwingupError(
             f"{path}: {column.word(name)} reaches {largest:.3g} in SI units, too large for a pendulum: correct its "
@@ -250,9 +296,10 @@ def _values(
 
 def _epoch(cells: _Cells, column: MappedColumn) -> Decimal:
     """The first time, where it counts from another day."""
-    if len(column.terms) != 1 or column.constant:
+    titles = column.expression.titles
+    if not titles or column.expression != Expression(((column.expression.terms[0][0], titles[0]),)):
         return Decimal(0)
-    cell = cells.columns[cells.place(column.terms[0][1])][0]
+    cell = cells.columns[cells.place(titles[0])][0]
     number = _number(cell)
     return Decimal(cell) if number is not None and EPOCH < abs(number) < math.inf else Decimal(0)
 
@@ -279,7 +326,7 @@ def _checked(cell: Any, is_time: bool, gaps: bool, epoch: Decimal) -> float:
 
 def _without_velocities(cells: _Cells, sources: Mapping[str, MappedColumn]) -> int:
     """How many rows at the start have NaN for a velocity: a difference needs a row before."""
-    speeds = [title for name in sources if name.startswith("vel") for _, title in sources[name].terms]
+    speeds = [title for name in sources if name.startswith("vel") for title in sources[name].expression.titles]
     columns = [cells.columns[cells.place(title)][:MINIMUM_ROWS] for title in speeds]
     missing = [any(str(cell).lower() == "nan" for cell in row) for row in zip(*columns, strict=True)]
     count = [*missing, False].index(False)
@@ -319,11 +366,11 @@ def spread_evenly(time: Float[np.ndarray, "rows"]) -> Float[np.ndarray, "rows"] 
 def _read_cells(path: str | Path) -> _Cells:
     content = read_bytes(path, LARGEST_TABLE)
     if Path(path).suffix.lower() in ARRAY_FILES:
-        arrays = read_arrays(path, content)
+        arrays, unread = read_arrays(path, content)
         count = max(map(len, arrays.values()))
         # Integers stay integers: a float would lose digits of a time in nanoseconds.
         columns = [column.tolist() + [""] * (count - len(column)) for column in arrays.values()]
-        return _with_titles(list(arrays), columns, range(1, count + 1))
+        return replace(_with_titles(list(arrays), columns, range(1, count + 1)), unread=unread)
     wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     for encoding in ("utf-16",) if wide else ("utf-8-sig", "latin-1"):
         try:

@@ -5,6 +5,7 @@ likelier under the right map. Conventions come in pairs, so pairs are tried as w
 ``--columns`` that gives the columns their right meaning.
 """
 
+import functools
 import itertools
 import math
 import shlex
@@ -17,10 +18,11 @@ from jaxtyping import Float
 
 from ..common.columns import DEGREE, NEEDS_CONSTANT, TURN, UNITS, MappedColumn, unit_of, unit_size
 from ..common.errors import SwingupError
+from ..common.expressions import Expression
 from .log_checks import slopes_of
 from .prediction import Integration
 from .recording import Recording
-from .regression import AS_IS, MINIMUM_SPANS, ColumnMap, Solution, cut_spans, regress
+from .regression import AS_IS, MINIMUM_SPANS, ColumnMap, Solution, cut_spans, regress, servo_gains
 from .scoring import prediction_skill
 from .segments import Segments
 
@@ -136,6 +138,8 @@ def find_columns(recording: Recording, setting: Integration, start: Float[np.nda
     The likeliest convention is named if it also explains clearly more of the motion than the columns as they are.
     Otherwise only their units, their velocities and a pendulum far from the start may be wrong.
     """
+    if recording.goals is not None:
+        return _servo_law(recording.goals, setting, start)
     driven = any(recording.driven)
     conventions = [
         each for each in (*CONVENTIONS, *_own_units(recording, setting)) if driven or "torque" not in each.group
@@ -161,6 +165,30 @@ def find_columns(recording: Recording, setting: Integration, start: Float[np.nda
             texts = " and ".join(dict.fromkeys(each.text for each in named))
             return Finding(f"{texts}: {shares}", remedy(recording, column_map(named)))
     return wrong_units or _check_foreign(recording, setting, start, plain)
+
+
+def _servo_law(goals: Recording, setting: Integration, start: np.ndarray) -> Finding | None:
+    """The servos' law as a torque, with gains that fit the starting plant."""
+    spans = cut_spans(goals)
+    if len(spans) < MINIMUM_SPANS:
+        return None
+    words, shown = [], []
+    velocities = next((pair for pair in goals.pairs if pair[0].startswith("vel")), None)
+    for joint, (kp, kd) in enumerate(zip(*servo_gains(setting, spans, start), strict=True)):
+        name = f"tau_con{joint + 1}"
+        law = goals.sources[name].expression.times(float(f"{kp:.2g}"))
+        if velocities is not None:
+            velocity = goals.sources[velocities[joint]]
+            damping = float(f"{-kd * unit_size(velocities[joint], velocity.unit):.2g}")
+            law = law.plus(velocity.expression.times(damping)) if damping else law
+        words.append(MappedColumn(law).word(name))
+        shown.append(f"{kp:.2g} and {kd:.2g}")
+    return Finding(
+        "it has goals of servos and no torques, which are kp (goal - angle) - kd velocity: on the starting plant "
+        f"kp and kd of joint 1 are about {shown[0]}, of joint 2 {shown[1]}. Give the servos' own: a factor on both "
+        "scales all masses, and kd is like damping. A clipped torque is clip(8*(goal-angle),-2,2)",
+        tuple(words),
+    )
 
 
 def _likeliest(
@@ -277,16 +305,18 @@ def _combined(
 ) -> MappedColumn:
     """A row of a map as a column: signs of the columns, one unit, and the constant in it."""
     scale, quantity = float(np.abs(row).max()), names[0][:3]
-    parts = [sources[name].signed(int(np.sign(each))) for name, each in zip(names, row, strict=True) if each]
-    size = unit_size(names[0], parts[0].unit) * scale
+    own = next(sources[name].unit for name, each in zip(names, row, strict=True) if each)
+    size = unit_size(names[0], own) * scale
+    parts = [
+        sources[name].expression.times(float(np.sign(each))) for name, each in zip(names, row, strict=True) if each
+    ]
     # What is added comes first: an expression that begins with a minus reads badly.
-    parts.sort(key=lambda part: part.terms[:1] < ((0, ""),))
-    unit = parts[0].unit if scale == 1.0 else unit_of(quantity, size, within=0.1 if quantity == "vel" else 1e-9)
+    parts.sort(key=lambda part: bool(part.terms) and part.terms[0][0] < 0)
+    unit = own if scale == 1.0 else unit_of(quantity, size, within=0.1 if quantity == "vel" else 1e-9)
     standard = next(iter(UNITS[quantity]))
     # The title may have another unit, which an empty one would leave.
-    unit = "" if unit == standard and not parts[0].unit else unit
-    terms = tuple(itertools.chain(*(part.terms for part in parts)))
-    return MappedColumn(terms, sum(part.constant for part in parts) + constant / size, unit)
+    unit = "" if unit == standard and not own else unit
+    return MappedColumn(functools.reduce(Expression.plus, parts, Expression((), constant / size)), unit)
 
 
 def _check_speed(recording: Recording) -> Finding | None:

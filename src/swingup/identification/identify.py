@@ -20,7 +20,7 @@ from .conventions import check_columns
 from .fit import WARM_STAGES, Fit, draw_solutions, fit, fit_all, fit_start, pulled
 from .prediction import NAMES, Integration, integration_of, vector_of
 from .recording import Recording, read_recording, sensors
-from .results import TITLES, Estimates, domain_of, make_notes, mass_notes, read_solution
+from .results import TITLES, Estimates, bound_notes, domain_of, make_notes, mass_notes, read_solution
 from .scoring import Errors, hold_out, prediction_errors, score_windows, summarise
 from .segments import FIT_LENGTH, Segments, cut_windows, join
 from .unknowns import Problem, known_entries, session_numbers
@@ -136,6 +136,7 @@ def identify(
     if share < 1.0:
         notes.append(_pulled_note(share))
     notes += mass_notes(problem, final.models[0], recordings[0])
+    notes += bound_notes(final.unknowns, final.z)
     models = solution.models[numbers]
     estimates = read_solution(problem, final.unknowns, final.z, draw_solutions(final, windows, seed), seed)
     fitted, domain = _plant_and_domain(problem, final, estimates, plant)

@@ -4,15 +4,16 @@ A log is read by the names of its columns. Periods may be uneven, and rows may r
 missing. A log that no fit can use is refused here; faults that a fit can bear are warnings of the recording.
 """
 
+import contextlib
 import shlex
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..common.columns import MappedColumn, suggest_columns
+from ..common.columns import MappedColumn, find_goals, suggest_columns
 from ..common.errors import SwingupError
 from ..common.table import Table, read_table
 from .log_checks import (
@@ -77,6 +78,8 @@ class Recording:
     """Each column in terms of the file's columns."""
     pairs: tuple[tuple[str, ...], ...] = ()
     """Names of the columns of both joints that were read."""
+    goals: "Recording | None" = None
+    """Of a log with servos' goals in the place of torques, the same with goals minus angles (rad) as torques."""
     turn: float | None = None
     """Where the angles wrap, in their unit: 2π, 360, an encoder's counts; None if they do not."""
 
@@ -108,8 +111,10 @@ def read_recording(path: str | Path, columns: Sequence[str] = (), force: bool = 
     pairs = dict.fromkeys(
         names for group in _GROUPS[1:] for names in group if names and set(names) <= set(table.values)
     )
-    if not force:
-        _check_torques(name, table, pairs)
+    has_torques = any(names in pairs for names in _COMMANDS if names)
+    goals = None if has_torques else _with_goals(path, table, columns)
+    if not (has_torques or goals or force):
+        _check_torques(name, table)
     rows, time, notes = _clean(name, table)
     check_time(name, time, table.sources["time"].word("time"))
     values = {each: column[rows] for each, column in table.values.items()}
@@ -142,13 +147,26 @@ def read_recording(path: str | Path, columns: Sequence[str] = (), force: bool = 
         sources=table.sources,
         pairs=tuple(pairs),
         turn=turn,
+        goals=goals,
     )
 
 
-def _check_torques(name: str, table: Table, pairs: Collection[tuple[str, ...]]) -> None:
+def _with_goals(path: str | Path, table: Table, columns: Sequence[str]) -> Recording | None:
+    """The log with the differences of servos' goals and angles (rad) as torques, where it has goals."""
+    angles = [table.sources[each].expression for each in _names(table.values, _POSITIONS)]
+    goals = find_goals(table.unread)
+    if goals is None or not all(len(each.terms) == 1 and each.is_plain for each in angles):
+        return None
+    # A servo compares what it measures, whatever sign and zero its user gives it.
+    pairs = zip(goals, (each.titles[0] for each in angles), strict=True)
+    words = [f"u{joint}={goal}-{angle}" for joint, (goal, angle) in enumerate(pairs, start=1)]
+    with contextlib.suppress(SwingupError):
+        return read_recording(path, [*columns, *words])
+    return None
+
+
+def _check_torques(name: str, table: Table) -> None:
     """Refuse a log whose torques have other names, or are those of one joint alone."""
-    if any(names in pairs for names in _COMMANDS if names):
-        return
     wanted = _COMMANDS[0]
     single = next((title for title in table.unread for names in _COMMANDS if title in names), None)
     if single is not None:

@@ -99,6 +99,27 @@ def regress(
     return min((problem.solve(impulses[:, age]) for age in order), key=lambda solution: solution.cost)
 
 
+def servo_gains(
+    setting: Integration, spans: Segments, start: Float[np.ndarray, "15"]
+) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """Gains kp and kd of both joints with which u = kp e - kd q̇ moves the starting plant as in the log.
+
+    The spans' impulses are those of e, goals minus angles. Of the commands' ages the likeliest is taken.
+    """
+    q = spans.states[..., :2]
+    impulse = regression_matrix(setting, q).reshape(-1, 2, BASE) @ start[[INDEX[name] for name in BASE_NAMES]]
+    turned = 0.5 * (q[:, -1] + q[:, -2] - q[:, 1] - q[:, 0])
+    errors = np.diff(spans.impulse.reshape(len(spans), len(AGES), 2, 2), axis=2)[:, :, 0]
+    gains = np.zeros((2, 2))
+    for joint in (0, 1):
+        found = (
+            np.linalg.lstsq(np.column_stack([errors[:, age, joint], -turned[:, joint]]), impulse[:, joint])
+            for age in range(len(AGES))
+        )
+        gains[:, joint] = min(found, key=lambda each: float(each[1].sum()))[0]
+    return gains[0], gains[1]
+
+
 class _Problem:
     """The equations under one map of the columns, whatever the age of the impulses."""
 

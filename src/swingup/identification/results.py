@@ -53,6 +53,19 @@ FRICTION_RANGE = (0.4, 1.6)
 MINIMUM_FRICTION = 0.02  # Coulomb friction may reach this part of gravity's torque where the plant has none
 DELAY_RANGE, LAG_RANGE = (0.001, 0.006), (0.001, 0.004)  # s. Source: fits of recordings.
 
+LATE = 0.012  # delay and lag (s) that no motor's own loop has
+BOUND_SHARE = 1e-4  # part of the range between two bounds within which a value is at one of them
+BOUND_REASONS = {
+    "another unit of a torque, a torque that is not in the log, or another pendulum than --start": (
+        *MASSES[:4], "gain1"),
+    "a friction or a rotor that the motion does not show, or one that a torque outside of the log makes up for": (
+        "b1", "b2", "cf1", "cf2", "Ir"),
+    "a zero that is farther off: shift the angle with --columns, as in q1=pos1+0.3": ("offset1", "offset2"),
+    "motion and torques are of different clocks, or later than the fit allows; a lag at its least is none": (
+        "delay", "lag"),
+}  # fmt: skip
+"""Likely reasons for a value at its bound, and the entries that they are about."""
+
 Interval = tuple[float, float]
 
 
@@ -194,6 +207,35 @@ def mass_notes(problem: Problem, model: Float[np.ndarray, "15"], recording: Reco
         return []
     factors = ", ".join(f"{name} {ratio:.2g} times" for name, ratio in far.items())
     return [f"far from the starting plant's: {factors}; check units and conventions, or give another --start"]
+
+
+def bound_notes(unknowns: Unknowns, z: Float[np.ndarray, "unknowns"]) -> list[str]:
+    """A note for the values that end at a bound of the fit, with the likely reason, and one for a late loop."""
+    models, notes = unknowns.models(z), list[str]()
+    nearest = np.where(z - unknowns.low < unknowns.high - z, unknowns.low, unknowns.high)
+    at_bound = np.abs(z - nearest) < BOUND_SHARE * (unknowns.high - unknowns.low)
+    bounds = unknowns.models(nearest)
+    for reason, names in BOUND_REASONS.items():
+        places = [
+            (session, entry)
+            for number in np.flatnonzero(at_bound)
+            for session, entry in np.argwhere(unknowns.place == number)[:1].tolist()
+            if NAMES[entry] in names
+        ]
+        shown = [
+            f"{TITLES.get(NAMES[entry], NAMES[entry])}{_tail(session)} = {models[session, entry]:.3g} of "
+            f"{bounds[session, entry]:.3g}"
+            for session, entry in places
+        ]
+        if shown:
+            notes.append(f"at a bound of the fit: {', '.join(shown)}; likely {reason}")
+    late = float(np.max(models[:, INDEX["delay"]] + models[:, INDEX["lag"]]))
+    if late > LATE:
+        notes.append(
+            f"the motion follows its commands {1e3 * late:.0f} ms late, as one that a camera or a slow bus "
+            "measures: a controller in this loop has to know it (the domain has it as delay and lag)"
+        )
+    return notes
 
 
 def prior_around(facts: Domain) -> Domain:
