@@ -328,6 +328,38 @@ def test_matlabs_objects_long_arrays_and_matrices_of_several_runs(tmp_path, tabl
     assert "its ts is MATLAB's timeseries, not read: t = ts.Time; x = squeeze(ts.Data); save(" in said
 
 
+def test_a_ros_bag_is_read_by_the_names_of_its_joints(tmp_path, table):
+    pytest.importorskip("rosbags", reason="rosbags is not installed")
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store, table = get_typestore(Stores.ROS2_HUMBLE), table[:600]
+    names = ["sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time"]
+    (state, header, stamp), none = (store.types[name] for name in names), np.zeros(0)
+    numbers, layout = (store.types[f"std_msgs/msg/{name}"] for name in ("Float64MultiArray", "MultiArrayLayout"))
+    with Writer(tmp_path / "run", version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+        states = bag.add_connection("/joint_states", names[0], typestore=store)
+        commands = bag.add_connection("/effort/commands", numbers.__msgtype__, typestore=store)
+        for row in table:
+            time = 1764 * 10**15 + round(1e9 * row[0])
+            head = header(stamp=stamp(sec=time // 10**9, nanosec=time % 10**9), frame_id="")
+            # Sorted by name, the elbow first.
+            message = state(
+                header=head, name=["elbow", "shoulder"], position=row[[2, 1]], velocity=none, effort=none
+            )
+            command = numbers(layout=layout(dim=[], data_offset=0), data=row[5:])
+            bag.write(commands, time - 1000, store.serialize_cdr(command, numbers.__msgtype__))
+            bag.write(states, time, store.serialize_cdr(message, names[0]))
+    message = refusal(read_recording, tmp_path / "run")
+    words = shlex.split(message.split("--columns ")[1].split(", if these")[0])
+    assert words == (["q1=position.shoulder", "q2=position.elbow", "u1=effort_commands0", "u2=effort_commands1"])
+    right = read_recording(write(tmp_path / "right.csv", table))
+    for path in (tmp_path / "run", tmp_path / "run" / "run.mcap"):
+        assert_same(read_recording(path, words), right, steps=1e-9)
+    (tmp_path / "bad.mcap").write_bytes(b"no bag")
+    assert "as a ROS bag" in refusal(read_recording, tmp_path / "bad.mcap")
+
+
 def put(rows, columns, value):
     """The table with a value in some rows and columns."""
 

@@ -1,7 +1,7 @@
 """Tables of numbers from files, in SI units: columns found by name, or mapped by their user; one is the time.
 
 A file is text, whose separator, decimal sign, comments, header and units are found out, or holds arrays
-(``array_files``).
+(``array_files``) or ROS's messages (``bag_files``).
 """
 
 import codecs
@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .array_files import ARRAY_FILES, read_arrays
+from .bag_files import is_bag, read_bag
 from .checks import LARGEST_NUMBER
 from .columns import SHORT, SHORT_NAMES, UNITS, MappedColumn, is_unit, parse_columns, suggest_columns, unit_size
 from .errors import SwingupError, quoted
@@ -203,7 +204,7 @@ def _check_read(
 
 def _labels(cells: "_Cells") -> dict[str, str]:
     """Names of joints by title, where the rows say them: name0 is that of position0, as in ROS's joint states."""
-    found = {}
+    found = dict[str, str]()
     for title, column in zip(cells.names, cells.columns, strict=True):
         parts = re.fullmatch(r"(.*)name(\D?\d+\D?)", title)
         if parts and len(texts := {str(cell) for cell in column}) == 1 and _number(text := texts.pop()) is None:
@@ -364,6 +365,9 @@ def spread_evenly(time: Float[np.ndarray, "rows"]) -> Float[np.ndarray, "rows"] 
 
 
 def _read_cells(path: str | Path) -> _Cells:
+    if is_bag(path):
+        bag = read_bag(path)
+        return _with_titles(list(bag), list(bag.values()), range(1, len(bag["time"]) + 1))
     content = read_bytes(path, LARGEST_TABLE)
     if Path(path).suffix.lower() in ARRAY_FILES:
         arrays, unread = read_arrays(path, content)
