@@ -90,9 +90,9 @@ def read_table(
     mapped = parse_columns(path, columns, titles)
     known = dict.fromkeys([*(name for group in groups for names in group for name in names), *optional])
     if unknown := [name for name in mapped if name not in known]:
-        names = ", ".join(SHORT.get(name, name) for name in known)
+        shown = ", ".join(SHORT.get(name, name) for name in known)
         raise SwingupError(
-            f"{path}: --columns maps {quoted(unknown[0])}, which nobody reads: the names are {names}"
+            f"{path}: --columns maps {quoted(unknown[0])}, which nobody reads: the names are {shown}"
         )
     sources = _find_sources(titles, groups, mapped)
     chosen = _choose(path, cells, titles, sources, groups, optional)
