@@ -20,7 +20,7 @@ from swingup.benchmark.robustness_board import change_grid
 from swingup.benchmark.rollout import Trajectory
 from swingup.cli.exporting import plot_command
 from swingup.common.errors import one_line, quoted
-from swingup.export.c_header import c_header
+from swingup.export.folder import export_folder
 from swingup.gym import PendulumEnv, PendulumVectorEnv
 from swingup.identification.excitation import excite
 from swingup.learner.problem import make_problem, problem_from_record
@@ -45,11 +45,6 @@ def usually(call, **usual):
 
     entry.__name__ = getattr(call, "__name__", str(call))
     return entry
-
-
-def shipped_with(**changes):
-    policy = load_policy("ar-eapo", "acrobot")
-    return dataclasses.replace(policy, network=dataclasses.replace(policy.network, **changes))
 
 
 def disturbance(**given):
@@ -133,8 +128,7 @@ TOGETHER = {
     "= 0 N m must be positive": lambda: get_task("smooth", ACROBOT, load_plant("C.1").changed(tl1=0.0, tl2=0.0)),
     "in plain Python: call it as it is": lambda: loop_controller(get_controller("math:sin", "acrobot"), "acrobot"),
     "the acrobot, not the pendubot": lambda: loop_controller(get_controller("lqr", "acrobot"), "pendubot"),
-    "runs hidden layers of ReLU": lambda: c_header(shipped_with(activation="tanh")),
-    "bounds actions by tanh, not by 'clip'": lambda: c_header(shipped_with(bounds="clip")),
+    "form numpy is not for a pendulum: use realaigym": lambda: export_folder(ADAPTIVE, "out", "numpy"),
     "has no resets to choose": lambda: gymnasium.make("swingup/ContinuingSwimmer-v0", resets="chosen"),
     "an environment that was passed in serves one": lambda: AREAPO(Noisy(), seeds=2, **TINY),
     "callback = 3": lambda: AREAPO(Noisy, **TINY).learn(64, 3),

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from policies import lone_policy
+from policy.references import task_policy
 from swingup import load_plant, load_policy
+from swingup.cli import main
 from swingup.controllers.baselines.baselines import shipped_reference
 from swingup.controllers.stack.policy import save_controller
 from swingup.controllers.swingups.reference import load_reference
+from swingup.policy.file import write_network
 
 
 def test_a_policy_file_and_the_entrys_names(run, tmp_path):
@@ -83,3 +86,24 @@ def test_graphs_and_headers(run, tmp_path):
         told = run(f"export --robot acrobot --to {form} --out {form}")
         assert (tmp_path / form).read_bytes().startswith(start)
         assert ("without estimator, identifier, regulator and a safety guard" in told) == (form == "onnx")
+
+
+def test_a_policy_of_another_task(run, tmp_path, capsys):
+    """A folder and headers; what belongs to pendulums is refused, and nothing is left."""
+    own = task_policy("discrete")
+    write_network("best.safetensors", own.network, own.metadata)
+    assert run("export best.safetensors --to numpy --out folder").endswith("folder/policy_swingup.py\n")
+    action, _ = runpy.run_path("folder/policy_swingup.py")["policy"].predict(np.zeros(4))
+    assert action == own.predict(np.zeros(4))[0]
+    for precision, number in ("double", "double"), ("single", "float"):
+        run(f"export best.safetensors --to c --precision {precision} --out policy.h")
+        assert f"{number} observation[4];" in (tmp_path / "policy.h").read_text()
+    for words, named in (
+        ("realaigym --out other", "form realaigym is not for 'discrete': use numpy"),
+        ("onnx --out other --precision single", "--precision single goes with --to c"),
+        ("c --out other --braking 0.1", "without a guard: leave its settings out"),
+        ("c --out other --robot acrobot", "is of 'discrete', not of a pendulum"),
+    ):
+        assert main(f"export best.safetensors --to {words}".split()) == 2
+        assert named in capsys.readouterr().err
+        assert not (tmp_path / "other").exists()

@@ -1,5 +1,7 @@
 """The back ends of the conformance table: a new one is one more row in BACK_ENDS."""
 
+import functools
+import json
 import shutil
 from collections.abc import Callable
 from typing import NamedTuple
@@ -9,9 +11,11 @@ import pytest
 
 from swingup.controllers.stack.policy import make_controller, policy_alone
 from swingup.export.c_header import c_header
+from swingup.export.folder import export_folder
 from swingup.export.javascript import policy_data, policy_script
 from swingup.export.onnx_graph import onnx_model
 from swingup.policy.numpy_backend import numpy_controller
+from swingup.policy.self_test import load_tested_policy
 
 from . import compiled
 from .references import TOLERANCE, alone, replay
@@ -121,3 +125,50 @@ BACK_ENDS = {
     "onnx": BackEnd(Onnx, alone_within=TOLERANCE),
     "javascript": BackEnd(JavaScript, alone_within=1e-10, stride=5),
 }
+
+
+def numpy_folder(policy, folder):
+    """The policy of an exported folder, as its entry loads it."""
+    entry = export_folder(policy, folder / "out", "numpy", policy.task)
+    found = load_tested_policy(entry.parent / f"{policy.task}_controller")
+    return lambda observations: found.predict(observations)[0]
+
+
+def task_in_c(precision, policy, folder):
+    text = c_header(policy, precision=precision)
+    library = compiled.compile_header(folder, text, *compiled.CAREFUL, driver=compiled.TASK_DRIVER)
+    assert library.self_test() == 0
+    shape = policy.action_space.shape
+
+    def act(observations):
+        rows, actions = len(observations), np.empty((len(observations), *shape))
+        library.act(rows, compiled.pointer(np.ascontiguousarray(observations)), compiled.pointer(actions))
+        return actions
+
+    return act
+
+
+def task_in_onnx(policy, folder):
+    pytest.importorskip("onnx", reason="onnx is not installed")
+    runtime = pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
+    session = runtime.InferenceSession(onnx_model(policy), providers=["CPUExecutionProvider"])
+    seen, space = policy.observation_space, policy.action_space
+
+    def act(observations):
+        actions = session.run(None, {"observation": observations.astype(seen.dtype)})[0]
+        assert actions.dtype == space.dtype
+        return actions
+
+    test = json.loads(session.get_modelmeta().custom_metadata_map["self_test"])
+    found = act(np.array(test["observations"]))
+    assert np.all(np.abs(found - test["actions"]) <= test["tolerance"])
+    return act
+
+
+TASK_BACK_ENDS = {
+    "numpy": (numpy_folder, 1e-6),
+    "onnx": (task_in_onnx, 1e-5),
+    "c": (functools.partial(task_in_c, "double"), 1e-9),
+    "c-single": (functools.partial(task_in_c, "single"), 1e-4),
+}
+"""What makes each of any task's policies, and how far actions may lie from JAX's, as a share of their range."""

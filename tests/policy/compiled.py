@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from swingup.export.c_text import in_precision
+
 STRICT = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2"]
 
 CAREFUL = ["-Wfloat-conversion", "-Wdouble-promotion", "-Wconversion", "-Wsign-conversion", "-Wshadow", "-Wundef"]
@@ -24,44 +26,97 @@ needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not i
 DRIVER = """
 #include "policy.h"
 
-void torques(int n, const double *x, double *u)
+typedef double outer; /* what Python passes, to a header in single precision as well */
+
+static void enter(const outer *from, double *to, int count)
 {
+    int i;
+    for (i = 0; i < count; i++) {
+        to[i] = (double)from[i];
+    }
+}
+
+void torques(int n, const outer *x, outer *u)
+{
+    double state[4];
     int k;
     for (k = 0; k < n; k++) {
-        u[k] = swingup_policy(x + 4 * k);
+        enter(x + 4 * k, state, 4);
+        u[k] = (outer)swingup_policy(state);
     }
 }
 
 const char *watch(
-    int n, const double *t, const double *x, const double *given, double *u, int *reasons, double *fault)
+    int n, const outer *t, const outer *x, const outer *given, outer *u, int *reasons, outer *fault)
 {
-    swingup_controller controller;
+    static swingup_controller controller;
+    double state[4], torque[2];
     int k;
     swingup_reset(&controller);
     for (k = 0; k < n; k++) {
-        swingup_control(&controller, t[k], x + 4 * k, u + 2 * k);
+        enter(x + 4 * k, state, 4);
+        swingup_control(&controller, t[k], state, torque);
+        u[2 * k] = (outer)torque[0];
+        u[2 * k + 1] = (outer)torque[1];
         reasons[k] = swingup_guard_reason(&controller);
 #if SWINGUP_HAS_IDENTIFIER
         if (given) {
-            controller.estimator.torques[0] = given[2 * k + SWINGUP_DRIVEN];
-            controller.estimator.identifier.torques[0][0] = given[2 * k];
-            controller.estimator.identifier.torques[0][1] = given[2 * k + 1];
+            enter(given + 2 * k + SWINGUP_DRIVEN, controller.estimator.torques, 1);
+            enter(given + 2 * k, controller.estimator.identifier.torques[0], 2);
         }
 #endif
     }
     (void)given;
     fault[0] = controller.guard.joint;
     fault[1] = controller.guard.when;
-    fault[2] = controller.guard.value;
+    fault[2] = (outer)controller.guard.value;
     return swingup_guard_sentence(&controller);
+}
+
+int self_test(void)
+{
+    static swingup_controller controller;
+    return swingup_self_test(&controller);
 }
 """
 
+TASK_DRIVER = """
+#include "policy.h"
 
-def compile_header(folder, text, *flags):
+typedef double outer; /* as above */
+
+void act(int n, const outer *observations, outer *actions)
+{
+    double observation[SWINGUP_INPUTS];
+    SWINGUP_ACTION action[SWINGUP_ACTIONS];
+    int k, i;
+    for (k = 0; k < n; k++) {
+        for (i = 0; i < SWINGUP_INPUTS; i++) {
+            observation[i] = (double)observations[k * SWINGUP_INPUTS + i];
+        }
+        for (i = 0; i < SWINGUP_ACTIONS; i++) {
+            action[i] = -99;
+        }
+        (void)swingup_policy(observation, action);
+        for (i = 0; i < SWINGUP_ACTIONS; i++) {
+            actions[k * SWINGUP_ACTIONS + i] = (outer)action[i];
+        }
+    }
+}
+
+int self_test(void)
+{
+    return swingup_self_test();
+}
+"""
+"""An action that swingup_policy leaves alone is -99."""
+
+
+def compile_header(folder, text, *flags, driver=DRIVER):
     """The shared library of a header's text."""
     (folder / "policy.h").write_text(text, encoding="utf-8")
-    return compile_program(folder, DRIVER, *flags)
+    precision = "single" if "#define SWINGUP_SINGLE 1" in text else "double"
+    return compile_program(folder, in_precision(driver, precision), *flags)
 
 
 def compile_program(folder, text, *flags):

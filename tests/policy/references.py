@@ -10,7 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from policies import new_actor
-from swingup.controllers.stack.policy import Policy, PolicyController, make_controller, policy_alone, policy_of
+from swingup.controllers.stack.policy import (
+    Policy,
+    PolicyController,
+    make_controller,
+    make_policy,
+    policy_alone,
+    policy_of,
+)
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.equations import NUMPY, damped_midpoint_step
@@ -18,11 +25,13 @@ from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, get_robot, lump
 from swingup.policy.estimator import EstimatorSettings
 from swingup.policy.identifier import IdentifierSettings
-from swingup.policy.network import Layer
+from swingup.policy.network import Layer, Network
 from swingup.policy.numpy_backend import numpy_controller
 from swingup.policy.pendulum import policy_plant
+from swingup.policy.policy import NumpyNetwork, TaskPolicy, task_metadata
 from swingup.policy.regulator import RegulatorSettings
 from swingup.policy.shipped import ADAPTIVE, AR_EAPO, SHIPPED_POLICIES, load_policy
+from swingup.policy.spaces import box, discrete
 from swingup.tasks.task import NormaliseStage, PendulumStage, PlantStage
 
 DT = 0.002
@@ -66,7 +75,7 @@ ESTIMATED = ["acrobot-estimated", "pendubot-estimated"]
 ADAPTIVES = ["acrobot-adaptive", "pendubot-adaptive"]
 """The shipped ones with an identifier and a regulator."""
 SMALL = ["pendubot-wrapped", "pendubot-bare"]
-"""Untrained ones with the paper's observation, which jumps at its wraps: with and without normalisation."""
+"""Untrained, with the paper's observation, which jumps at its wraps: with normalisation, or GELU and clip."""
 
 
 @functools.cache
@@ -87,7 +96,9 @@ def policy(name):
     """A policy by its name: one above, or one of those here."""
     robot, _, kind = name.partition("-")
     if name in SMALL:
-        return policy_of(small_policy(kind == "wrapped"))
+        found = policy_of(small_policy(kind == "wrapped"))
+        other = {} if kind == "wrapped" else {"activation": "gelu", "bounds": "clip"}
+        return dataclasses.replace(found, network=dataclasses.replace(found.network, **other))
     if name == "acrobot-sighted":
         return policy_of(sighted_policy())
     if name == "acrobot-regulated":
@@ -285,3 +296,55 @@ def alone(found, states):
 @eqx.filter_jit
 def _alone(found, states):
     return jax.vmap(lambda x: found(None, jnp.zeros(()), x)[1])(states)
+
+
+def space_task(name, actions, seen, activation="relu", bounds="tanh", mean=0.0, deviation=1.0):
+    """An untrained policy of a task with these spaces, whose observations have a mean and a deviation."""
+    rng, size = np.random.default_rng(1), seen.size
+    normalise = NormaliseStage(
+        (mean + deviation * rng.normal(size=size)).astype(np.float32), np.full(size, deviation**2), 10.0, 1e-18
+    )
+    widths = [size, 32, 24, sum(actions.choices) or actions.size]
+    layers = [random_layer(*sizes, seed) for seed, sizes in enumerate(zip(widths[1:], widths, strict=False))]
+    layers = [
+        Layer(each.weight * np.float32(1.5 * each.weight.shape[1] ** -0.5), 0.1 * each.bias) for each in layers
+    ]
+    network = Network(
+        (normalise,), tuple(layers[:-1]), layers[-1], None, actions.choices or None, activation, bounds
+    )
+    return TaskPolicy(network, task_metadata(name, seen, actions, 0.02))
+
+
+TASKS = {
+    "unequal": (box((2,), [0.0, -0.1], [5.0, 20.0], "float64"), box((3,)), "relu", "clip"),
+    "discrete": (discrete(3), box((4,))),
+    "tanh": (box((1,), -2.0, 2.0), box((3,)), "tanh"),
+    "elu": (box((2, 2), -1.0, 3.0), box((2, 3)), "elu", "clip"),
+    "silu": (box((1,), -2.0, 2.0), box((3,)), "silu"),
+    "tiny": (box((1,), -2.0, 2.0), box((3,)), "relu", "tanh", 0.0, 1e-6),
+    "far": (box((1,), -2.0, 2.0), box((3,)), "relu", "tanh", 1e6),
+    "choices": (discrete([3, 2], [1, 5]), box((), -1.0, 1.0, "float64"), "gelu"),
+}
+
+
+@functools.cache
+def task_policy(name):
+    return space_task(name, *TASKS[name])
+
+
+@functools.cache
+def task_actions(name, number=10_000):
+    """Observations (number, ...), JAX's actions in double precision, and the lead of the best logits."""
+    policy = task_policy(name)
+    stage, seen, space = policy.network.stages[0], policy.observation_space, policy.action_space
+    rows = stage.mean + stage.deviation * np.random.default_rng(2).normal(size=(number, seen.size))
+    rows = rows.astype(np.float32).astype(np.float64)
+    with jax.enable_x64(True):
+        found = in_double(make_policy(policy.network))
+        actions = np.asarray(jax.jit(jax.vmap(found))(rows))
+    lead = np.full(number, np.inf)
+    if space.choices:
+        logits = np.split(NumpyNetwork(policy.network)(rows), np.cumsum(space.choices)[:-1], axis=-1)
+        lead = np.min([np.diff(np.sort(each, axis=-1)[:, -2:])[:, 0] for each in logits], axis=0)
+    exact_space = dataclasses.replace(space, dtype="int64" if space.choices else "float64")
+    return rows.reshape(number, *seen.shape), exact_space(actions), lead

@@ -3,12 +3,14 @@
 import dataclasses
 import itertools
 import re
+import shutil
 import subprocess
 
 import numpy as np
 import pytest
 
-from swingup.export.c_header import c_data, c_header, runtime
+from swingup.export.c_header import c_header, runtime_data
+from swingup.export.c_text import c_data, in_precision, runtime
 from swingup.policy.guard import default_guard
 from swingup.policy.numpy_backend import TorqueNetwork
 from swingup.policy.shipped import load_policy
@@ -25,14 +27,16 @@ from .compiled import (
     torques,
     watch,
 )
-from .references import DT, alone, exact, faults, numpy_run, policy, random_states
+from .references import DT, alone, exact, faults, numpy_run, policy, random_states, within
 
 pytestmark = needs_gcc
 
 PARTS = ("estimator", "identifier", "regulator", "guard")
 QUICK = (("guard",), PARTS)
 COMBINATIONS = [
-    pytest.param("acrobot-told", parts, marks=[] if parts in QUICK else pytest.mark.slow, id="-".join(parts))
+    pytest.param(
+        "acrobot-told", parts, "double", marks=[] if parts in QUICK else pytest.mark.slow, id="-".join(parts)
+    )
     for number in range(len(PARTS) + 1)
     for parts in itertools.combinations(PARTS, number)
     if "identifier" not in parts or "estimator" in parts
@@ -44,12 +48,14 @@ FUZZ = """
 #include "data.h"
 #include "runtime.h"
 
+typedef double outer; /* what printf takes */
+
 /* A linear congruential generator: a number in [0, 1). */
 static double draw(void)
 {
     static uint64_t seed = 1;
     seed = seed * 6364136223846793005u + 1442695040888963407u;
-    return (double)(seed >> 11) / 9007199254740992.0;
+    return (double)(seed >> 40) / 16777216.0;
 }
 
 /* Now and then a number that no sensor should send. */
@@ -75,7 +81,7 @@ int main(void)
             const int broken = !swingup_finite(x, 4) && !SWINGUP_HAS_GUARD && i == SWINGUP_DRIVEN;
             /* Negated, so that a torque of NaN fails. */
             if (!(fabs(u[i]) <= swingup_limits[i]) && !(broken && isnan(u[i]))) {
-                printf("u[%d] = %g for %g %g %g %g at call %d\\n", i, u[i], x[0], x[1], x[2], x[3], k);
+                printf("u[%d] = %g for %g %g at call %d\\n", i, (outer)u[i], (outer)x[0], (outer)x[1], k);
                 return 1;
             }
         }
@@ -89,7 +95,7 @@ int main(void)
 """
 
 
-def write(folder, parts, name="acrobot-told"):
+def write(folder, parts, name="acrobot-told", precision="double"):
     told = policy(name)
     # Its motor gives half of what the policy asks for, and less than braking.
     weak = dataclasses.replace(told.plant, **{f"tl{told.robot.joint + 1}": 0.5 * told.torque_limit})
@@ -97,17 +103,22 @@ def write(folder, parts, name="acrobot-told"):
     whole = dataclasses.replace(told, plant=weak, guard=braking)
     found = dataclasses.replace(whole, **{part: None for part in PARTS if part not in parts})
     fuzz = FUZZ if parts else FUZZ.replace("20000", "5000")  # a policy alone has no memory
-    for name, text in (("data.h", c_data(found)), ("runtime.h", runtime()), ("fuzz.c", fuzz)):
-        (folder / name).write_text(text, encoding="utf-8")
+    files = (("data.h", c_data(runtime_data(found))), ("runtime.h", runtime("contract.h")), ("fuzz.c", fuzz))
+    for name, text in files:
+        text = text if precision == "double" else text.replace("e308", "e38").replace("5e-324", "1e-45")
+        (folder / name).write_text(in_precision(text, precision), encoding="utf-8")
 
 
 COMMAND = (*STRICT, *CAREFUL, "fuzz.c")
 
 
-@pytest.mark.parametrize(("name", "parts"), [*COMBINATIONS, ("pendubot-ar-eapo", ())])
-def test_with_each_combination_of_switches(tmp_path, name, parts):
+@pytest.mark.parametrize(
+    ("name", "parts", "precision"),
+    [*COMBINATIONS, ("pendubot-ar-eapo", (), "double"), ("acrobot-told", PARTS, "single")],
+)
+def test_with_each_combination_of_switches(tmp_path, name, parts, precision):
     """Without a warning; and whatever it is sent, no torque is beyond its motor's limit."""
-    write(tmp_path, parts, name)
+    write(tmp_path, parts, name, precision)
     program = build(tmp_path, *COMMAND, "-fsanitize=undefined,address", "-fno-sanitize-recover")
     result = subprocess.run([program], capture_output=True, text=True, check=False)
     assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
@@ -147,20 +158,34 @@ def test_a_compiler_that_honours_no_nan_hides_no_broken_measurement(tmp_path, na
 
 @pytest.mark.parametrize(
     "name",
-    ["acrobot-told", *(pytest.param(f"acrobot-{kind}", marks=pytest.mark.slow) for kind in ("sighted", "ar-eapo"))],
+    [
+        "acrobot-told",
+        *(pytest.param(f"acrobot-{kind}", marks=pytest.mark.slow) for kind in ("adaptive", "ar-eapo")),
+    ],
 )
-def test_in_single_precision_conversions_are_written_out(tmp_path, name):
-    """A folded bias and all constants are double, the network is float; the tests above have it in double."""
-    text = c_header(dataclasses.replace(policy(name), guard=default_guard(DT)))
-    library = compile_header(tmp_path, text, *CAREFUL, "-DSWINGUP_REAL=float", "-O0")
+def test_single_precision(tmp_path, name):
+    """Conversions are written out; a run is near that in double precision, whose weights are the same."""
+    library = compile_header(tmp_path, c_header(policy(name), precision="single"), *CAREFUL, "-O0")
     error = np.abs(torques(library, random_states()) - alone(exact(name), random_states())).max()
     assert 1e-8 < error < 1e-4
+    times, states, expected = numpy_run(name)
+    found = watch(library, times, states, expected)[0]
+    assert np.abs(within(name, found) - within(name, expected)).max() < 0.01
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="g++ is not installed")
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_a_header_is_cplusplus_as_well(tmp_path, precision):
+    text = c_header(dataclasses.replace(policy("acrobot-told"), guard=default_guard(DT)), precision=precision)
+    (tmp_path / "policy.cpp").write_text(text + "int main() { return 0; }\n", encoding="utf-8")
+    found = gcc(tmp_path, "g++", "-std=c++11", *STRICT[2:], *CAREFUL, "-fsyntax-only", "policy.cpp")
+    assert (found.returncode, found.stderr) == (0, "")
 
 
 def test_a_header_needs_no_other_file_and_no_heap():
     text = c_header(policy("acrobot-told"))
     assert "malloc" not in text
-    assert set(re.findall(r"#include (.*)", text)) == {"<math.h>", "<stdint.h>"}
+    assert set(re.findall(r"#include (.*)", text)) == {"<math.h>", "<stdint.h>", "<string.h>", "<avr/pgmspace.h>"}
 
 
 TWO = """

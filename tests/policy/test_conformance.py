@@ -20,7 +20,7 @@ from swingup.policy.shipped import ADAPTIVE, AR_EAPO
 from swingup.runtime import load_controller
 
 from . import references
-from .backends import BACK_ENDS
+from .backends import BACK_ENDS, TASK_BACK_ENDS
 from .references import ADAPTIVES, COLUMNS, DT, ESTIMATED, numpy_run, policy, recorded, silent, within
 
 ADAPTING, LONG, BRIEF = 900, 1200, 600
@@ -102,6 +102,38 @@ def test_torques(made, name, back_end, sensor):
         np.testing.assert_array_equal(both[broken, 1 - joint], 0.0)
     if sensor == "states" and name in references.SHIPPED:
         assert np.ptp(torques) > 6
+
+
+@pytest.mark.parametrize("back_end", TASK_BACK_ENDS)
+@pytest.mark.parametrize("name", references.TASKS)
+def test_policies_of_any_task(name, back_end, tmp_path):
+    """On 10,000 observations; discrete actions are equal where the best two logits differ by 1e-5."""
+    make, share = TASK_BACK_ENDS[back_end]
+    found_policy, (observations, expected, lead) = references.task_policy(name), references.task_actions(name)
+    found, space = make(found_policy, tmp_path)(observations), found_policy.action_space
+    if space.choices:
+        np.testing.assert_array_equal(found[lead > 1e-5], expected[lead > 1e-5])
+        assert len(np.unique(found)) > 1
+        return
+    assert (np.abs(found - expected) / (space.high - space.low)).max() < share
+    # The bounds of a header in single precision are rounded.
+    low, high = (bound.astype("f" if back_end == "c-single" else "d") for bound in (space.low, space.high))
+    assert ((found >= low) & (found <= high)).all()
+    assert (np.ptp(found, axis=0) / (space.high - space.low)).min() > 0.2
+
+
+@pytest.mark.parametrize(("back_end", "answer"), [("c", -99), ("c-single", -99), ("onnx", np.nan)])
+def test_no_bound_hides_an_observation_that_is_not_finite(back_end, answer, tmp_path):
+    """C leaves the action as it was; -99 is its driver's."""
+    act = TASK_BACK_ENDS[back_end][0](references.task_policy("tanh"), tmp_path)
+    seen = np.array([[0.0, 0.0, 0.0], [0.0, np.inf, 0.0], [np.nan, 0.0, 0.0]])
+    np.testing.assert_array_equal(act(seen)[1:], [[answer], [answer]])
+    assert np.abs(act(seen)[0]) < 2.0
+
+
+@pytest.mark.parametrize("name", [references.SHIPPED[0], ADAPTIVES[0], "acrobot-regulated", "pendubot-wrapped"])
+def test_self_tests_of_pendulums_in_c(made, name):
+    assert made("c", name)._library.self_test() == 0
 
 
 @pytest.mark.slow  # JAX compiles identifier and regulator for seconds

@@ -3,18 +3,19 @@
 import dataclasses
 from collections.abc import Mapping
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 from tyro.conf import arg
 
 from ..benchmark.boards import SIM2REAL, swing_up_board
 from ..benchmark.recording import driven_robot, load_trajectory, save_trajectory
 from ..common.checks import check_seeds, one_of, positive_number
-from ..common.errors import SwingupError, command_line
+from ..common.errors import SwingupError, command_line, quoted
 from ..common.files import check_suffix, check_writable, has_suffix, write_atomically
 from ..controllers.baselines.baselines import BASELINES, DESIGN_SEED, design_of, in_real_units, shipped_reference
 from ..controllers.swingups.reference import save_reference, save_reference_csv
 from ..export.c_header import c_header
+from ..export.c_text import Precision
 from ..export.folder import FORMS as FOLDERS
 from ..export.folder import NAME, cloudpendulum_guard, cloudpendulum_notes, export_folder
 from ..export.onnx_graph import onnx_model
@@ -22,7 +23,7 @@ from ..learner.metrics import read_metrics
 from ..plant.plant import LEADERBOARD, Robot
 from ..policy.guard import GuardSettings, choose_guard
 from ..policy.pendulum import PendulumPolicy, write_plant
-from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_pendulum_policy
+from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_policy
 from ..rehearsal.process import CALLING_TIME
 from ..rehearsal.rehearse import Rehearsal, rehearse, spread
 from ..report.draw import FIGURE_FORMATS, draw, render
@@ -59,28 +60,30 @@ def export_command(
     robot: RobotName | None = None,
     username: str = "swingup",
     name: str = NAME,
+    precision: Annotated[Precision, word_of("precision", *get_args(Precision))] = "double",
     guard: bool = True,
     velocity_limit: float | None = None,
     braking: float | None = None,
     plant: PlantOptions = NO_OPTIONS,
     seed: int | None = None,
 ) -> None:
-    """Write a policy for RealAIGym, CloudPendulum, ONNX Runtime or C, or the swing-up that a baseline follows.
+    """Write a policy of any task for NumPy, ONNX Runtime or C, or a pendulum's for RealAIGym or CloudPendulum.
 
     Baselines have no policy file; RealAIGymController runs them.
 
     Args:
         policy: the policy.
-        to: realaigym or cloudpendulum, a folder that needs NumPy alone; onnx, a graph of the policy's network
-            alone; c, a C99 header; or trajectory, a baseline's swing-up with its gains, in RealAIGym's format where
-            the file ends in .csv.
+        to: numpy, a folder that needs NumPy alone, or for pendulums realaigym or cloudpendulum; onnx, a graph, of a
+            pendulum's network alone; c, a header in C99 and C++11; or trajectory, a baseline's swing-up with its
+            gains, in RealAIGym's format where the file ends in .csv.
         out: the folder, new or empty; or the file.
         robot: acrobot or pendubot. Required for shipped policies; a file must match it.
         username: your name on RealAIGym's leaderboard.
         name: of the entry (con_NAME.py, controller_NAME.py), and what all names in a C header begin with, so that
             several go side by side; ONNX has none.
-        guard: put a safety guard around the controller in the folders and in c: it stops the controller at a limit
-            or a broken measurement. Turn it off for simulations. An onnx graph has none.
+        precision: of a C header: double, or single for processors that compute in 32 bits.
+        guard: put a safety guard around a pendulum's controller in the folders and in c: it stops the controller at
+            a limit or a broken measurement. Turn it off for simulations. An onnx graph has none.
         velocity_limit: of both joints (rad/s), beyond which the guard stops the controller; by default the policy
             file's, or 20, and 50 for cloudpendulum.
         braking: damping (N m s/rad) with which the guard brakes both joints of a stopped controller, each within
@@ -99,19 +102,31 @@ def export_command(
             f"{policy!r} is a baseline, which has no policy file: swingup.RealAIGymController runs it, and "
             f"--to trajectory writes its swing-up with gains"
         )
-    found = load_pendulum_policy(policy, robot, facts_of(plant))
+    if precision != "double" and to != "c":
+        raise SwingupError(f"--precision {precision} goes with --to c: leave it out")
+    found, notes = load_policy(policy, robot, facts_of(plant)), list[str]()
     changes = {"velocity_limit": velocity_limit, "braking": braking}
-    found = dataclasses.replace(found, guard=_guard(found, to, guard, changes))
+    if isinstance(found, PendulumPolicy):
+        found = dataclasses.replace(found, guard=_guard(found, to, guard, changes))
+        notes = _pendulum_notes(found, to)
+    elif any(value is not None for value in changes.values()):
+        raise SwingupError(f"{policy} is of {quoted(found.task)}, without a guard: leave its settings out")
     if to in FOLDERS:
-        notes = cloudpendulum_notes(found) if to == "cloudpendulum" else []
-        tell(str(export_folder(found, out, to, name, username)), *notes)
-        return
-    write_atomically(out, onnx_model(found) if to == "onnx" else c_header(found, name).encode())
-    tell(out)
-    if to == "onnx":
-        left_out = [part for part in found.parts if part != GuardSettings.PART]
-        missing = f"{', '.join(left_out)} and a safety guard" if left_out else "a safety guard"
-        tell(f"this is the network for the plant {found.plant.name} alone, without {missing}")
+        out = str(export_folder(found, out, to, name, username))
+    else:
+        write_atomically(out, onnx_model(found) if to == "onnx" else c_header(found, name, precision).encode())
+    tell(out, *notes)
+
+
+def _pendulum_notes(policy: PendulumPolicy, to: str) -> list[str]:
+    """What a form lacks of a pendulum's policy."""
+    if to == "cloudpendulum":
+        return cloudpendulum_notes(policy)
+    if to != "onnx":
+        return []
+    left_out = [part for part in policy.parts if part != GuardSettings.PART]
+    missing = f"{', '.join(left_out)} and a safety guard" if left_out else "a safety guard"
+    return [f"this is the network for the plant {policy.plant.name} alone, without {missing}"]
 
 
 def _export_trajectory(name: str, robot: Robot | None, out: str, plant: PlantOptions, seed: int | None) -> None:

@@ -1,16 +1,11 @@
-"""A policy as a single C99 header: a comment, the policy's data, and the runtime.
+"""A pendulum's policy as a single C99 header: a comment, the policy's data, and the runtime.
 
 The runtime is plain C: ``policy/contract.h`` and what it includes, one file for each part. Behind any
 data each of them compiles by itself; what they do is decided there, not here.
 """
 
 import math
-import posixpath
-import re
-from collections.abc import Sequence
 from dataclasses import asdict
-from importlib import resources
-from pathlib import PurePosixPath
 
 import numpy as np
 
@@ -19,26 +14,30 @@ from ..common.errors import SwingupError
 from ..plant.base_parameters import BASE, base_parameters, lumped
 from ..plant.equations import COULOMB_STEEPNESS, mass_entries
 from ..plant.momentum import CLOSE_RATES
-from ..plant.units import C1, Scales, arm_scales, scaled, similar_plant
+from ..plant.units import C1, arm_scales, scaled, similar_plant
 from ..policy import estimator, identifier, regulator
 from ..policy.estimator import EstimatorConstants, estimator_constants
 from ..policy.guard import MAX_BRAKED_RATIO, MAX_STANDSTILLS, PUSHING_SHARE, REASON_TEXTS, GuardSettings, Reason
 from ..policy.identifier import IdentifierConstants
-from ..policy.network import NormaliseStage, PendulumStage, PlantStage, Stage, require_portable
+from ..policy.network import NormaliseStage, PendulumStage, PlantStage
 from ..policy.numpy_backend import regulator_loop
 from ..policy.pendulum import PendulumPolicy
+from ..policy.policy import TaskPolicy
 from ..policy.regulator import Loop as Regulator
+from ..policy.self_test import loop_test
+from .c_task import network_data, plain, sizes, task_data, task_usage, test_data
+from .c_text import Data, Precision, header
 from .folder import NAME, check_export_name
-
-POLICY = resources.files("swingup") / "policy"  # Where the runtime's files are
 
 USAGE = """\
 /*
  * {about}, written by swingup {version}.
  *
- * C99, <math.h> and <stdint.h>; no allocation, no global state, no other library. Sizes and weights are fixed.
+ * C99 or C++11, in {precision} precision, with <math.h>, <stdint.h> and <string.h>; no allocation, no global state,
+ * no other library. Sizes and weights are fixed.
  *
  *     swingup_controller controller;
+ *     swingup_self_test(&controller);                 at boot: 0, or the number of the call that fails
  *     swingup_reset(&controller);                     before every run
  *     swingup_control(&controller, t, x, u);          at every step, {rate}
  *
@@ -46,7 +45,8 @@ USAGE = """\
  * (rad/s); t is the time (s); u = [u1, u2] are the torques of shoulder and elbow (N m), within the motors' limits,
  * the passive joint's {passive}.
  * swingup_policy(x) is the policy alone: the torque of the driven joint, without memory.
-{notes} */
+ * The plant is {plant}.
+{sizes}{notes} */
 """
 IDENTIFIED_NOTE = """\
  * swingup_base_parameters(&controller) are nine numbers: what the identifier has found of the plant so far.
@@ -60,81 +60,30 @@ UNGUARDED_NOTE = """\
 """
 
 
-def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
+def c_header(policy: TaskPolicy | PendulumPolicy, name: str = NAME, precision: Precision = "double") -> str:
     """The header's text, in which all names begin with ``name``: several go into one program."""
     check_export_name(name)
-    require_portable(policy.network, "a C header")
-    data = f"#ifndef SWINGUP_POLICY_H\n#define SWINGUP_POLICY_H\n\n{c_data(policy)}"
-    text = f"{_usage(policy)}{data}\n{runtime()}\n#endif\n"
-    # Two headers in one program must not share a name.
-    return text.replace(f"{NAME}_", f"{name}_").replace(f"{NAME.upper()}_", f"{name.upper()}_")
+    if isinstance(policy, TaskPolicy):
+        data = task_data(policy)
+        return header(task_usage(policy, data, precision), data, "task.h", precision, name)
+    data = runtime_data(policy)
+    return header(_usage(policy, data, precision), data, "loop_test.h", precision, name)
 
 
-def c_data(policy: PendulumPolicy) -> str:
-    """The data of a policy in C, which the runtime expects before it."""
-    # A name may be anything: no end of a comment may come from a file.
-    plant = re.sub(r"[^\w. -]", "_", policy.plant.name, flags=re.ASCII)[:60] or "that of the policy"
-    lines = [f"/* The plant is {plant}. */"]
-    for part, data in runtime_data(policy).items():
-        lines += [
-            f"\n/* ---- data of {part} ---- */\n",
-            *(_definition(name, value) for name, value in data.items()),
-        ]
-    return "\n".join(lines) + "\n"
-
-
-def runtime() -> str:
-    """The runtime as one text: ``contract.h`` with each other file where it is first included."""
-    included: set[str] = set()
-
-    def whole(path: PurePosixPath) -> str:
-        name = posixpath.normpath(path)
-        # As an include guard would: the user's header has each part once.
-        if name in included:
-            return ""
-        included.add(name)
-        text = POLICY.joinpath(name).read_text(encoding="utf-8")
-        return re.sub(r'#include "(.*)"\n', lambda found: whole(path.parent / found[1]), text)
-
-    return whole(PurePosixPath("contract.h"))
-
-
-def _usage(policy: PendulumPolicy) -> str:
+def _usage(policy: PendulumPolicy, data: dict[str, Data], precision: Precision) -> str:
     parts = {"state estimator": policy.estimator, "identifier": policy.identifier, "safety guard": policy.guard}
     around = " and its ".join(name for name, part in parts.items() if part is not None)
     what = "A policy" if policy.regulator is None else "A policy with its regulator"
     return USAGE.format(
         about=f"{what}{f' behind its {around}' if around else ''} for the {policy.robot.name}",
         version=__version__,
+        precision=precision,
+        plant=plain(policy.plant.name) or "that of the policy",
+        sizes=sizes(data, precision, "sizeof(swingup_controller), and the stack of a call"),
         rate=f"every {policy.period:g} s" if policy.period else "at the loop's rate",
         passive="for its friction" if policy.torque_limits[1 - policy.robot.joint] else "0",
         notes=(IDENTIFIED_NOTE if policy.identifier else "") + (GUARDED_NOTE if policy.guard else UNGUARDED_NOTE),
     )
-
-
-def _definition(name: str, value: int | float | str | np.ndarray) -> str:
-    """A number or a text as a macro, an array as a constant."""
-    if not isinstance(value, np.ndarray):
-        return f"#define SWINGUP_{name} {value if isinstance(value, int | str) else repr(float(value))}"
-    if value.ndim == 2 and value.dtype == np.float32:
-        # Weights: the only numbers in single precision, input by input in one row.
-        rows = ",\n".join(_decimals(row, "f") for row in value)
-        return f"static const float swingup_{name}[{value.size}] = {{\n{rows}\n}};"
-    sizes = "".join(f"[{size}]" for size in value.shape)
-    return f"static const double swingup_{name}{sizes} = {_braces(value.astype(np.float64))};"
-
-
-def _braces(values: np.ndarray) -> str:
-    inner = ",\n    ".join(_braces(row) for row in values) if values.ndim > 1 else _decimals(values)
-    return f"{{{inner}}}"
-
-
-def _decimals(values: np.ndarray, suffix: str = "") -> str:
-    """Decimals that C reads back as the same numbers."""
-    return ", ".join(f"{np.format_float_scientific(value)}{suffix}" for value in values)
-
-
-Data = dict[str, int | float | str | np.ndarray]  # Numbers, texts and arrays by their names, without the prefix
 
 
 SHARED_CONSTANTS = (
@@ -158,7 +107,7 @@ def runtime_data(policy: PendulumPolicy) -> dict[str, Data]:
     found: dict[str, Data] = {
         "the switches": {f"HAS_{name}": int(part is not None) for name, part in parts.items()},
         "the plant": plant_data(policy),
-        "the network": network_data(policy),
+        "the network": pendulum_data(policy),
         "the guard's reasons": reasons | {"GUARD_SENTENCES": ", ".join(f'"{text}"' for text in REASON_TEXTS)},
     }
     if policy.estimator is not None:
@@ -171,7 +120,7 @@ def runtime_data(policy: PendulumPolicy) -> dict[str, Data]:
         found["the regulator"] = regulator_data(regulator_loop(*known))
     if policy.guard is not None:
         found["the guard"] = guard_data(policy.guard, policy)
-    return found
+    return found | {"the self-test": test_data(loop_test(policy))}
 
 
 def plant_data(policy: PendulumPolicy) -> Data:
@@ -192,47 +141,29 @@ def plant_data(policy: PendulumPolicy) -> Data:
     }
 
 
-def network_data(policy: PendulumPolicy) -> Data:
+def pendulum_data(policy: PendulumPolicy) -> Data:
     """The network and its observation: folded for the plant, unless an identifier tells it another one."""
     sees_identified_plant = policy.identifier is not None and policy.network.plant_stage is not None
     network = policy.network if sees_identified_plant else policy.folded
-    layers = network.layers
-    widths = [layers[0].weight.shape[1], *(len(layer.bias) for layer in layers)]
-    shapes = [(index, *layer.weight.T.shape, int(index < len(layers) - 1)) for index, layer in enumerate(layers)]
-    data: Data = {
-        "TORQUE_LIMIT": policy.torque_limit,
-        "INPUTS": widths[0],
-        "WIDEST": max(widths),
-        # Index, inputs, outputs, and whether a rectifier follows.
-        "LAYERS(APPLY)": " ".join(f"APPLY{shape}" for shape in shapes),
-    }
-    for index, layer in enumerate(layers):
-        data |= {f"weight_{index}": layer.weight.T, f"bias_{index}": layer.bias.astype(np.float64)}
-    return _observation_data(network.stages, arm_scales(policy.plant)) | data
-
-
-def _observation_data(stages: Sequence[Stage], scales: Scales) -> Data:
-    """The stages: angles and velocities, perhaps normalised, perhaps with the plant behind them; in C.1's units."""
-    angles, *others = (scaled(stage, C1.over(scales)) for stage in stages)
+    # The stages: angles and velocities, perhaps normalised, perhaps with the plant behind them; in C.1's units.
+    scales = C1.over(arm_scales(policy.plant))
+    angles, *others = (scaled(stage, scales) for stage in network.stages)
     kinds = [type(stage) for stage in others]
-    normalise = next((stage for stage in others if isinstance(stage, NormaliseStage)), None)
-    plant = next((stage for stage in others if isinstance(stage, PlantStage)), None)
     # At most one of each, in this order.
     if not isinstance(angles, PendulumStage) or kinds != [k for k in (NormaliseStage, PlantStage) if k in kinds]:
-        names = ", ".join(type(stage).__name__ for stage in stages)
+        names = ", ".join(type(stage).__name__ for stage in network.stages)
         raise SwingupError(f"a header cannot have the observation stages {names}: export to NumPy")
     data: Data = {
+        "TORQUE_LIMIT": policy.torque_limit,
         "WRAPPED": int(angles.angles == "wrapped"),
         "VELOCITY_SCALE": angles.velocity_scale,
         "STATE_INPUTS": angles.size(4),
-        "NORMALISED": int(normalise is not None),
-        "SEES_PLANT": int(plant is not None),
+        "SEES_PLANT": int(PlantStage in kinds),
     }
-    if normalise is not None:
-        data |= {"INPUT_CLIP": normalise.clip, "input_mean": normalise.mean, "input_deviation": normalise.deviation}
-    if plant is not None:
-        data |= {"PLANT_CLIP": plant.clip, "plant_centre": plant.centre, "plant_scale": plant.scale}
-    return data
+    for stage in others:
+        if isinstance(stage, PlantStage):
+            data |= {"PLANT_CLIP": stage.clip, "plant_centre": stage.centre, "plant_scale": stage.scale}
+    return data | network_data(network)
 
 
 def estimator_data(constants: EstimatorConstants) -> Data:

@@ -14,17 +14,23 @@ from pathlib import Path
 from ..common import __version__
 from ..common.errors import SwingupError, quoted
 from ..common.files import behind_links, write_atomically
+from ..policy.file import write_network
 from ..policy.guard import GuardSettings, default_guard
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
+from ..policy.policy import TaskPolicy
+from ..policy.self_test import FILE as TEST_FILE
+from ..policy.self_test import loop_test, task_test
 
 NAME = "swingup"  # Name of an export unless another one is given
 
 
-FORMS = {
+ROBOT_FORMS = {
     "realaigym": ("con_{name}.py", "readmes/{name}.md"),
     "cloudpendulum": ("controller_{name}.py", "README.md"),
 }
 """A folder's entry and README by its form, which the entry's module and both templates are named after."""
+
+FORMS = {"numpy": ("policy_{name}.py", "README.md"), **ROBOT_FORMS}  # The first is that of other tasks
 
 CELL_VELOCITY = 50.0
 """Largest velocity of a joint in a CloudPendulum's cell (rad/s). Source: what teams report in 2026."""
@@ -54,20 +60,25 @@ ABOUT = f'"""What a policy needs to run, copied from swingup {__version__} (Apac
 
 
 def export_folder(
-    policy: PendulumPolicy, folder: str | Path, form: str, name: str = NAME, username: str = "swingup"
+    policy: TaskPolicy | PendulumPolicy, folder: str | Path, form: str, name: str = NAME, username: str = "swingup"
 ) -> Path:
     """Write a folder, whole or not at all, and say which file is the entry's.
 
-    The policy's guard, which need not be the file's, is written into the entry. The folder must be new or empty.
+    A pendulum's guard, which need not be the file's, is written into the entry. The folder must be new or empty.
     The copied source has the entry's name as well; the username is for RealAIGym's leaderboard.
     """
+    pendulum = isinstance(policy, PendulumPolicy)
+    if pendulum != (form in ROBOT_FORMS):
+        kind, forms = ("a pendulum", " or ".join(ROBOT_FORMS)) if pendulum else (quoted(policy.task), "numpy")
+        raise SwingupError(f"a folder of form {form} is not for {kind}: use {forms}")
     check_export_name(name)
     # It goes into a string of Python, and into tables with commas.
     if not username.isprintable() or any(sign in username for sign in '"\\,') or not 0 < len(username) <= 60:
         raise SwingupError(
             f"username {quoted(username)} does not fit an entry: use up to 60 letters, no quotes or commas"
         )
-    root, values = resources.files("swingup"), readme_values(policy, name)
+    root, shared = resources.files("swingup"), {"NAME": name, "PACKAGE": PACKAGE.format(name=name)}
+    shared |= {"ORIGIN": _origin(policy), "VERSION": __version__}
     entry, readme = (path.format(name=name) for path in FORMS[form])
     try:
         target = behind_links(folder)  # the final move would replace a link by a folder
@@ -77,13 +88,21 @@ def export_folder(
         with tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as temporary:
             made = Path(temporary) / target.name
             package = made / PACKAGE.format(name=name)
-            for file in (*_sources(root), "export/__init__.py", f"export/{form}.py"):
+            interface = ["export/__init__.py", f"export/{form}.py"] if pendulum else []
+            for file in (*_sources(root), *interface):
                 _write(package / file, root.joinpath(*file.split("/")).read_bytes())
             # Not this package's own, which offers what the folder lacks.
             _write(package / "__init__.py", ABOUT.encode())
-            write_pendulum_policy(package / "policy.safetensors", policy, policy.metadata)
-            _write(made / entry, _filled(f"{form}.py.txt", values | _entry_values(policy, username)))
-            _write(made / readme, _filled(f"{form}.md", values))
+            if isinstance(policy, PendulumPolicy):
+                values = readme_values(policy) | _entry_values(policy, username)
+                test = loop_test(dataclasses.replace(policy, guard=None))
+                write_pendulum_policy(package / "policy.safetensors", policy, policy.metadata)
+            else:
+                values, test = _task_values(policy), task_test(policy)
+                write_network(package / "policy.safetensors", policy.network, policy.metadata)
+            _write(package / TEST_FILE, test.to_json().encode())
+            _write(made / entry, _filled(f"{form}.py.txt", shared | values))
+            _write(made / readme, _filled(f"{form}.md", shared | values))
             # Empty, as tested above. The move would otherwise go inside it.
             if target.exists():
                 target.rmdir()
@@ -158,9 +177,24 @@ def _entry_values(policy: PendulumPolicy, username: str) -> dict[str, str]:
     return {"DESCRIPTION": f"{made}{behind}", "GUARD": guard, "METHOD": method, "USERNAME": username}
 
 
-def readme_values(policy: PendulumPolicy, name: str) -> dict[str, str]:
-    """What a folder's README says of its policy, for the gaps of a template."""
+def _origin(policy: TaskPolicy | PendulumPolicy) -> str:
     command = policy.metadata.get("command")
+    return f"- The policy file was made by `{command}`." if isinstance(command, str) else ""
+
+
+def _task_values(policy: TaskPolicy) -> dict[str, str]:
+    """What a folder says of a task's policy, for the gaps of a template."""
+    return {
+        # Between quotes of Python and in Markdown: what might end either is left out.
+        "TASK": re.sub(r"[^\w./: -]", "_", policy.task)[:60],
+        "OBSERVATION": f"shape {policy.observation_space.shape}, {policy.observation_space.dtype}",
+        "ACTION": f"shape {policy.action_space.shape}, {policy.action_space.dtype}",
+        "RATE": f"one call every {policy.period:g} s" if policy.period else "one call at every step of the task",
+    }
+
+
+def readme_values(policy: PendulumPolicy) -> dict[str, str]:
+    """What a folder's README says of a pendulum's policy, for the gaps of a template."""
     base = " and the pendulum's base parameters" if policy.identifier else ""
     seen = (
         f"an estimate of the state by a Kalman filter, which also finds the loop's delay{base}"
@@ -176,9 +210,6 @@ def readme_values(policy: PendulumPolicy, name: str) -> dict[str, str]:
         else f"A {BY_AREAPO}",
         "LAYERS": " and ".join(str(len(layer.bias)) for layer in policy.network.trunk),
         "TORQUE": _torque(policy),
-        "NAME": name,
-        "ORIGIN": f"- The policy file was made by `{command}`." if isinstance(command, str) else "",
-        "PACKAGE": PACKAGE.format(name=name),
         "RATE": f"one call every {policy.period:g} s" if policy.period else "any; 500 Hz on the leaderboards",
         "ROBOT": policy.robot.name,
         "SWITCHED": (
@@ -186,7 +217,6 @@ def readme_values(policy: PendulumPolicy, name: str) -> dict[str, str]:
             if policy.regulator
             else "nothing is switched, tracked or planned"
         ),
-        "VERSION": __version__,
     }
 
 

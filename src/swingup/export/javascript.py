@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..policy.network import Layer, NormaliseStage, PendulumStage, Stage, require_portable
+from ..policy.network import Layer, NormaliseStage, PendulumStage, Stage
 from ..policy.pendulum import PendulumPolicy
 
 
@@ -17,10 +17,11 @@ def policy_script() -> str:
 
 def policy_data(policy: PendulumPolicy) -> dict[str, Any]:
     """A policy's network alone, folded for its plant, as JSON values: its stages, and its layers up to the mean."""
-    require_portable(policy.network, "a page")
     network = policy.folded
     return {
         "torque_limit": policy.torque_limit,
+        "activation": network.activation,
+        "bounds": network.bounds,
         "stages": [_stage(stage) for stage in network.stages],
         "layers": [{"weight": _base64(layer.weight), "bias": _bias(layer)} for layer in network.layers],
     }

@@ -29,6 +29,15 @@
     },
   };
 
+  const ACTIVATIONS = {
+    relu: (x) => Math.max(0, x),
+    tanh: Math.tanh,
+    elu: (x) => (x > 0 ? x : Math.expm1(x)),
+    silu: (x) => 0.5 * x * (1 + Math.tanh(0.5 * x)),
+    gelu: (x) => 0.5 * x * (1 + Math.tanh(Math.sqrt(2 / Math.PI) * (x + 0.044715 * x ** 3))),
+  };
+  const BOUNDS = { tanh: Math.tanh, clip: (x) => clip(x, 1) };
+
   function apply({ weight, bias }, input) {
     const output = new Float64Array(bias.length);
     for (let row = 0, k = 0; row < bias.length; row++) {
@@ -52,11 +61,11 @@
       layers.forEach((layer, depth) => {
         features = apply(layer, features);
         if (depth < layers.length - 1) {
-          features.forEach((value, i) => (features[i] = Math.max(0, value)));
+          features = features.map(ACTIVATIONS[spec.activation]);
         }
       });
       // What is clipped must not hide a number that is not finite.
-      const torque = x.every(Number.isFinite) ? spec.torque_limit * Math.tanh(features[0]) : NaN;
+      const torque = x.every(Number.isFinite) ? spec.torque_limit * BOUNDS[spec.bounds](features[0]) : NaN;
       return driven === 0 ? [torque, 0] : [0, torque];
     };
   }

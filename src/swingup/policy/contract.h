@@ -10,9 +10,13 @@
 #ifndef SWINGUP_CONTRACT_H
 #define SWINGUP_CONTRACT_H
 
+#if SWINGUP_HAS_IDENTIFIER && !SWINGUP_HAS_ESTIMATOR
+#error "an identifier needs an estimator: it needs the delay"
+#endif
+
 #include "estimator.h"
 #include "guard.h"
-#include "network.h"
+#include "pendulum.h"
 #include "regulator.h"
 
 typedef struct {
@@ -42,8 +46,7 @@ static inline void swingup_note_plant(swingup_controller *c)
 
 static inline void swingup_reset(swingup_controller *c)
 {
-    static const swingup_controller fresh = {0};
-    *c = fresh;
+    memset(c, 0, sizeof *c);
 #if SWINGUP_HAS_IDENTIFIER
     swingup_begin(&c->estimator.identifier);
     swingup_note_plant(c);
@@ -78,7 +81,7 @@ static inline double swingup_act(swingup_controller *c, const double x[4])
 }
 
 /* What the motors are commanded (N m), before guard and limits; whether it is new. */
-static inline int swingup_ask(swingup_controller *c, double t, const double x[4], double u[2])
+static inline int swingup_ask(swingup_controller *c, swingup_time t, const double x[4], double u[2])
 {
     const double own[4] = {x[0], x[1], SWINGUP_TIME_UNIT * x[2], SWINGUP_TIME_UNIT * x[3]};
     double seen[4] = {own[0], own[1], own[2], own[3]};
@@ -119,7 +122,7 @@ static inline void swingup_cut(double u[2])
 #endif
 
 /* The torques u (N m) for the state x measured at time t (s). */
-static inline void swingup_control(swingup_controller *c, double t, const double x[4], double u[2])
+static inline void swingup_control(swingup_controller *c, swingup_time t, const double x[4], double u[2])
 {
     int asked;
 

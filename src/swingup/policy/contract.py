@@ -22,8 +22,7 @@ torques u = [u1, u2] (N m) of shoulder and elbow.
 
 ``tests/policy/test_conformance.py`` holds every back end to it, ``tests/policy/test_guard.py`` the guards in NumPy
 and in C. ONNX graphs and the page's JavaScript run the network alone, folded for the file's plant, with nothing
-around it. Hidden layers of ReLU run everywhere, others in JAX and NumPy alone (``policy/network.py:
-require_portable``). JAX has the same contract without hidden state, ``init() -> memory`` and ``(memory, t, x) ->
+around it. JAX has the same contract without hidden state, ``init() -> memory`` and ``(memory, t, x) ->
 (memory, u)``; a C header has it as ``swingup_reset`` and ``swingup_control``. JAX has no guard: it judges.
 """
 

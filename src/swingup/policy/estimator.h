@@ -12,7 +12,7 @@
 typedef struct {
     int called;                           /* 0 before the first call */
     int delay_steps;                      /* the delay found (steps) */
-    double time;                          /* of the last call (s) */
+    swingup_time time;                    /* of the last call (s) */
     double sample[4];                     /* the last measurement that was finite */
     double gap;                           /* time since it was new (s) */
     double state[4];                      /* estimate of the measured state, as old as the delay */
@@ -68,7 +68,7 @@ static inline int swingup_follow(swingup_estimator *c, const swingup_plant *plan
             far += (miss[i] - drifted[n][i]) * (miss[i] - drifted[n][i]);
         }
         evidence[n] = x ? SWINGUP_FADING * c->evidence[n] + log1p(far / SWINGUP_OUTLIER_SQUARED) : c->evidence[n];
-        against = evidence[n] + SWINGUP_DELAY_PENALTY * n;
+        against = evidence[n] + SWINGUP_DELAY_PENALTY * (double)n;
         if (!swingup_finite(&against, 1)) {
             return 0;
         }
@@ -109,10 +109,10 @@ static inline double swingup_commanded(const swingup_estimator *c, double n)
 {
     double sum = 0.0;
     int k;
-    for (k = 0; k < SWINGUP_DELAYS && k + 1 <= n; k++) {
+    for (k = 0; k < SWINGUP_DELAYS && (double)(k + 1) <= n; k++) {
         sum += c->torques[k];
     }
-    return k < SWINGUP_DELAYS ? sum + (n - k) * c->torques[k] : sum;
+    return k < SWINGUP_DELAYS ? sum + (n - (double)k) * c->torques[k] : sum;
 }
 
 /* The state after the delay, a time (s), in pieces with the mean of the torques that act in each. */
@@ -121,15 +121,18 @@ static inline void swingup_ahead(const swingup_estimator *c, const swingup_plant
     const double steps = (double)c->delay_steps / SWINGUP_PREDICTION_STEPS;
     int piece;
     for (piece = SWINGUP_PREDICTION_STEPS; piece > 0 && c->delay_steps > 0; piece--) {
-        const double sum = swingup_commanded(c, piece * steps) - swingup_commanded(c, (piece - 1) * steps);
+        const double end = steps * (double)piece, start = steps * (double)(piece - 1);
+        const double sum = swingup_commanded(c, end) - swingup_commanded(c, start);
         swingup_step(plant, x, sum / steps, time / SWINGUP_PREDICTION_STEPS);
     }
 }
 
 /* Whether a call at time t (s) comes so soon after the last one that the torques before are kept. */
-static inline int swingup_early(const swingup_estimator *c, double t)
+static inline int swingup_early(const swingup_estimator *c, swingup_time t)
 {
-    return c->called && swingup_finite(&t, 1) && t > c->time && t < c->time + SWINGUP_MIN_STEP * SWINGUP_TIME_UNIT;
+    const double now = (double)t;
+    return c->called && swingup_finite(&now, 1) && t > c->time
+           && t < c->time + (swingup_time)(SWINGUP_MIN_STEP * SWINGUP_TIME_UNIT);
 }
 
 /* Whether a state measured h (s) after the last one shows nothing new, for no longer than can be borne. */
@@ -146,10 +149,11 @@ static inline int swingup_bridges(swingup_estimator *c, const double x[4], doubl
 }
 
 /* An estimate of the state now, for the state measured at time t (s). */
-static inline void swingup_observe(swingup_estimator *c, double t, const double measured[4], double seen[4])
+static inline void swingup_observe(swingup_estimator *c, swingup_time t, const double measured[4], double seen[4])
 {
-    const int timed = swingup_finite(&t, 1) && swingup_finite(&c->time, 1);
-    const double pause = timed ? (t - c->time) / SWINGUP_TIME_UNIT : -1.0, h = pause > 0.0 ? pause : SWINGUP_DT;
+    const double now = (double)t, before = (double)c->time;
+    const int timed = swingup_finite(&now, 1) && swingup_finite(&before, 1);
+    const double pause = timed ? (double)(t - c->time) / SWINGUP_TIME_UNIT : -1.0, h = pause > 0.0 ? pause : SWINGUP_DT;
     const int late = !c->called || !(pause >= 0.0 && pause <= SWINGUP_MAX_STEP);
     const int bridges = swingup_bridges(c, measured, h);
 #if SWINGUP_HAS_IDENTIFIER
@@ -173,7 +177,7 @@ static inline void swingup_observe(swingup_estimator *c, double t, const double 
 #endif
     if (!late && swingup_follow(c, &plant, bridges ? 0 : x, interval, age)) {
         swingup_copy(seen, c->state, 4);
-        swingup_ahead(c, &plant, seen, passed + (c->delay_steps - age) * h);
+        swingup_ahead(c, &plant, seen, passed + (double)(c->delay_steps - age) * h);
     } else {
         swingup_copy(seen, x, 4);
         swingup_copy(c->state, x, 4);

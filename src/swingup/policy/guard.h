@@ -9,9 +9,11 @@
 typedef struct {
     int reason;         /* why the controller was stopped; SWINGUP_GUARD_NONE while it acts */
     int joint;          /* the joint meant: 0 is the shoulder, 1 the elbow; -1 for none */
-    double when, value; /* time of that call (s), and what was beyond its limit or not finite */
+    swingup_time when;  /* time of that call (s) */
+    double value;       /* what was beyond its limit or not finite */
     int called, still, brakes, broken;
-    double time, step;            /* of the last call, and since the one before (s) */
+    swingup_time time;            /* of the last call (s) */
+    double step;                  /* since the one before (s) */
     double sample[4], torques[2]; /* last finite measurement, and torques */
     double gaps[2], stuck;        /* time for which a joint has shown nothing new, and stood still (s) */
 } swingup_guard;
@@ -78,15 +80,15 @@ static inline void swingup_check(swingup_guard *c, const double x[4], int first)
 }
 
 /* Whether the controller may act on the state x measured at time t (s). */
-static inline int swingup_allows(swingup_guard *c, double t, const double x[4])
+static inline int swingup_allows(swingup_guard *c, swingup_time t, const double x[4])
 {
-    const double pause = t - c->time;
+    const double now = (double)t, pause = (double)(t - c->time);
     const int first = !c->called;
 
     c->called = 1;
     c->time = t;
-    if (!swingup_finite(&t, 1) || !(first || pause >= 0.0)) {
-        swingup_stop(c, SWINGUP_GUARD_CLOCK, -1, first ? t : pause);
+    if (!swingup_finite(&now, 1) || !(first || pause >= 0.0)) {
+        swingup_stop(c, SWINGUP_GUARD_CLOCK, -1, first ? now : pause);
         return 0;
     }
     c->still = !first && pause == 0.0 ? c->still + 1 : 0;

@@ -89,9 +89,8 @@ static inline void swingup_compensate(const swingup_identifier *c, const double 
 /* Nothing seen yet. */
 static inline void swingup_begin(swingup_identifier *c)
 {
-    static const swingup_identifier fresh = {0};
     int i;
-    *c = fresh;
+    memset(c, 0, sizeof *c);
     swingup_copy(c->unknowns, swingup_mean, SWINGUP_UNKNOWNS);
     for (i = 0; i < SWINGUP_UNKNOWNS; i++) {
         swingup_copy(c->covariance[i], swingup_prior[i], SWINGUP_UNKNOWNS);
@@ -378,10 +377,9 @@ static inline void swingup_project(swingup_identifier *c)
 /* After a pause: what was found stays, the motion before is forgotten. */
 static inline void swingup_interrupt(swingup_identifier *c)
 {
-    static const swingup_filter empty = {{{{0.0}}}};
     int k;
     c->calls = 0;
-    c->filter = empty;
+    memset(&c->filter, 0, sizeof c->filter);
     for (k = 0; k < SWINGUP_COMMANDS; k++) {
         c->torques[k][0] = c->torques[k][1] = 0.0;
         c->steps[k] = SWINGUP_DT;
@@ -425,7 +423,6 @@ static inline int swingup_weigh_ages(swingup_identifier *c)
 /* Learn from the angles of x, which are delay_steps old, a pause (s) after the call before. */
 static inline void swingup_identify(swingup_identifier *c, const double x[4], int delay_steps, double pause)
 {
-    static const swingup_filter empty = {{{{0.0}}}};
     const int angles = 2 * SWINGUP_SPAN + 1;
     const int near = swingup_finite(x, 2) && fabs(x[0]) < SWINGUP_MAX_ANGLE && fabs(x[1]) < SWINGUP_MAX_ANGLE;
     const int late = !(pause >= 0.0 && pause <= SWINGUP_MAX_STEP);
@@ -454,7 +451,7 @@ static inline void swingup_identify(swingup_identifier *c, const double x[4], in
     /* The lag counts from the delay: their sum is what was found. The old rows belong to the old delay. */
     if (delay_steps != c->delay_steps || age != c->age) {
         c->unknowns[SWINGUP_LAG] += swingup_age(c, c->delay_steps) - swingup_age(c, delay_steps);
-        c->filter = empty;
+        memset(&c->filter, 0, sizeof c->filter);
         c->delay_steps = delay_steps;
         c->age = age;
     }

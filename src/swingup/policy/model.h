@@ -1,10 +1,18 @@
 /*
- * The estimator's model of the plant, which an identifier may change.
+ * Angles, and the estimator's model of the plant, which an identifier may change.
  */
 #ifndef SWINGUP_MODEL_H
 #define SWINGUP_MODEL_H
 
 #include "numbers.h"
+
+#if SWINGUP_HAS_ESTIMATOR || SWINGUP_HAS_REGULATOR
+/* An angle's distance (rad) without whole turns. */
+static inline double swingup_turned(double angle)
+{
+    return angle - 2.0 * SWINGUP_PI * rint(angle / (2.0 * SWINGUP_PI));
+}
+#endif
 
 #if SWINGUP_HAS_ESTIMATOR
 typedef struct {

@@ -1,40 +1,42 @@
 /*
- * The network; network.py has its equations.
+ * The network of any policy; network.py has its equations.
  */
 #ifndef SWINGUP_NETWORK_H
 #define SWINGUP_NETWORK_H
 
 #include "numbers.h"
 
-/* What it is shown of a state x and of the plant's base parameters. */
-static inline void swingup_observation(const double x[4], const double base[9], double observation[SWINGUP_INPUTS])
+/* What the data may name: activations and bounds. */
+#define SWINGUP_RELU 0
+#define SWINGUP_TANH 1
+#define SWINGUP_ELU 2
+#define SWINGUP_SILU 3
+#define SWINGUP_GELU 4
+#define SWINGUP_CLIP 5
+
+/* What follows a hidden layer. */
+static inline double swingup_activate(double x)
 {
-    int i;
-    for (i = 0; i < 2; i++) {
-#if SWINGUP_WRAPPED
-        double angle = fmod(x[i], 2.0 * SWINGUP_PI);
-        angle = angle < 0.0 ? angle + 2.0 * SWINGUP_PI : angle;
-        observation[i] = (angle - SWINGUP_PI) / SWINGUP_PI;
+#if SWINGUP_ACTIVATION == SWINGUP_TANH
+    return tanh(x);
+#elif SWINGUP_ACTIVATION == SWINGUP_ELU
+    return x > 0.0 ? x : exp(x) - 1.0;
+#elif SWINGUP_ACTIVATION == SWINGUP_SILU
+    return 0.5 * x * (1.0 + tanh(0.5 * x));
+#elif SWINGUP_ACTIVATION == SWINGUP_GELU
+    return 0.5 * x * (1.0 + tanh(0.7978845608028654 * (x + 0.044715 * x * x * x)));
 #else
-        observation[2 * i] = sin(x[i]);
-        observation[2 * i + 1] = cos(x[i]);
+    return x > 0.0 ? x : 0.0;
 #endif
-        observation[SWINGUP_STATE_INPUTS - 2 + i] =
-            swingup_clip(x[i + 2], SWINGUP_VELOCITY_SCALE) / SWINGUP_VELOCITY_SCALE;
-    }
-#if SWINGUP_NORMALISED
-    for (i = 0; i < SWINGUP_STATE_INPUTS; i++) {
-        const double normal = (observation[i] - swingup_input_mean[i]) / swingup_input_deviation[i];
-        observation[i] = swingup_clip(normal, SWINGUP_INPUT_CLIP);
-    }
-#endif
-#if SWINGUP_SEES_PLANT
-    for (i = 0; i < 9; i++) {
-        const double seen = (base[i] - swingup_plant_centre[i]) / swingup_plant_scale[i];
-        observation[SWINGUP_STATE_INPUTS + i] = swingup_clip(seen, SWINGUP_PLANT_CLIP);
-    }
+}
+
+/* An action in [-1, 1] of an output of the last layer. */
+static inline double swingup_bound(double x)
+{
+#if SWINGUP_BOUNDS == SWINGUP_CLIP
+    return swingup_clip(x, 1.0);
 #else
-    (void)base;
+    return tanh(x);
 #endif
 }
 
@@ -43,53 +45,41 @@ static inline void swingup_observation(const double x[4], const double base[9], 
  * are passed over.
  */
 static inline void swingup_layer(
-    const float *weight, const double *bias, int inputs, int outputs, int rectified, swingup_real x[SWINGUP_WIDEST])
+    const float *weight, const double *bias, int inputs, int outputs, int hidden, double x[SWINGUP_WIDEST])
 {
-    swingup_real sum[SWINGUP_WIDEST];
+    double sum[SWINGUP_WIDEST];
     int k, j;
     for (j = 0; j < outputs; j++) {
-        sum[j] = (swingup_real)bias[j];
+        sum[j] = SWINGUP_READ(bias + j);
     }
     for (k = 0; k < inputs; k++) {
-        const swingup_real value = x[k];
-        if (value != 0) {
+        const double value = x[k];
+        if (value != 0.0) {
             for (j = 0; j < outputs; j++) {
-                sum[j] += (swingup_real)weight[k * outputs + j] * value;
+                sum[j] += (double)SWINGUP_READ(weight + k * outputs + j) * value;
             }
         }
     }
     for (j = 0; j < outputs; j++) {
-        x[j] = sum[j] > 0 || !rectified ? sum[j] : 0;
+        x[j] = hidden ? swingup_activate(sum[j]) : sum[j];
     }
 }
 
-/* The torque (N m) of the driven joint for a state x of a plant with these base parameters. */
-static inline double swingup_network(const double x[4], const double base[9])
+/* The last layer's outputs, in place of the observation. */
+static inline void swingup_forward(double x[SWINGUP_WIDEST])
 {
-    double observation[SWINGUP_INPUTS];
-    swingup_real features[SWINGUP_WIDEST];
+#if SWINGUP_NORMALISED
     int i;
-
-    if (!swingup_finite(x, 4)) {
-        return (double)NAN;
+    for (i = 0; i < SWINGUP_NORMALISED; i++) {
+        const double centred = x[i] - SWINGUP_READ(swingup_input_mean + i);
+        x[i] = swingup_clip(centred / SWINGUP_READ(swingup_input_deviation + i), SWINGUP_INPUT_CLIP);
     }
-    swingup_observation(x, base, observation);
-    for (i = 0; i < SWINGUP_INPUTS; i++) {
-        features[i] = (swingup_real)observation[i];
-    }
+#endif
     /* A macro shows the compiler the sizes: at -O2, gcc makes such loops twice as fast. */
-#define SWINGUP_APPLY(index, inputs, outputs, rectified) \
-    swingup_layer(swingup_weight_##index, swingup_bias_##index, inputs, outputs, rectified, features);
+#define SWINGUP_APPLY(index, inputs, outputs, hidden) \
+    swingup_layer(swingup_weight_##index, swingup_bias_##index, inputs, outputs, hidden, x);
     SWINGUP_LAYERS(SWINGUP_APPLY)
 #undef SWINGUP_APPLY
-    return SWINGUP_TORQUE_LIMIT * tanh(features[0]);
-}
-
-/* The policy alone, for the plant of its file. */
-static inline double swingup_policy(const double x[4])
-{
-    const double own[4] = {x[0], x[1], SWINGUP_TIME_UNIT * x[2], SWINGUP_TIME_UNIT * x[3]};
-    return swingup_network(own, swingup_theta);
 }
 
 #endif

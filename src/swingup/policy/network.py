@@ -307,17 +307,3 @@ def _max_output(layer: Layer, max_input: float) -> float:
     """The maximum output for inputs of up to ``max_input``."""
     sums = np.abs(layer.weight).sum(axis=1, dtype=np.float64)
     return float(np.max(sums * max_input + np.abs(layer.bias), initial=0.0))
-
-
-def require_portable(network: Network, program: str) -> None:
-    """Refuse a network that a program, whose name starts the sentence, does not run: all run ReLU and tanh."""
-    if network.activation != RELU:
-        raise SwingupError(
-            f"{program} runs hidden layers of ReLU, not activation = {network.activation!r}: run the policy in "
-            f"Python, as an export to realaigym does, or train with activation = 'relu'"
-        )
-    if network.bounds != TANH:
-        raise SwingupError(
-            f"{program} bounds actions by tanh, not by {network.bounds!r}: run the policy in Python, as an export "
-            f"to realaigym does, or train with deviation = 'state'"
-        )

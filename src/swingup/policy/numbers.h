@@ -6,24 +6,31 @@
 
 #include <math.h>
 #include <stdint.h>
+#include <string.h>
+
+#include "flash.h"
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__) || defined(_M_FP_FAST)
 #error "compile without -ffast-math and -ffinite-math-only: NaN would pass all checks, with full torque"
 #endif
-#if SWINGUP_HAS_IDENTIFIER && !SWINGUP_HAS_ESTIMATOR
-#error "an identifier needs an estimator: it needs the delay"
-#endif
 
 #define SWINGUP_PI 3.14159265358979323846
 
-/*
- * What the network computes in. Define SWINGUP_REAL as float before the include where double is slow: torques then
- * differ by up to 1e-4 N m. All around the network computes in double precision.
- */
-#ifndef SWINGUP_REAL
-#define SWINGUP_REAL double
+typedef double swingup_time; /* of the loop's clock (s), in a header in single precision as well */
+
+/* A number's bits, and those of infinity: without the sign, those of NaN are above them. */
+#if SWINGUP_SINGLE
+typedef uint32_t swingup_bits;
+#define SWINGUP_INFINITY UINT32_C(0x7f800000)
+#define SWINGUP_NAN UINT32_C(0x7fc00000)
+#else
+#if defined(__SIZEOF_DOUBLE__) && __SIZEOF_DOUBLE__ < 8
+#error "double has 32 bits here: export the header with --precision single"
 #endif
-typedef SWINGUP_REAL swingup_real;
+typedef uint64_t swingup_bits;
+#define SWINGUP_INFINITY UINT64_C(0x7ff0000000000000)
+#define SWINGUP_NAN UINT64_C(0x7ff8000000000000)
+#endif
 
 static inline double swingup_clip(double value, double limit)
 {
@@ -35,18 +42,21 @@ static inline double swingup_max(double value, double other)
     return value > other ? value : other;
 }
 
+/* The bits of a number without its sign. */
+static inline swingup_bits swingup_magnitude(const double *value)
+{
+    swingup_bits bits;
+    memcpy(&bits, value, sizeof bits);
+    return bits & (SWINGUP_INFINITY | (SWINGUP_INFINITY - 1));
+}
+
 /* Whether the first numbers of an array are finite: by their bits, since a compiler may take isfinite for
  * true, and comparisons with NaN for any. */
 static inline int swingup_finite(const double *values, int count)
 {
-    union {
-        double number;
-        uint64_t bits;
-    } each;
     int i, finite = 1;
     for (i = 0; i < count; i++) {
-        each.number = values[i];
-        finite = finite && (each.bits >> 52 & 0x7ff) != 0x7ff;
+        finite = finite && swingup_magnitude(values + i) < SWINGUP_INFINITY;
     }
     return finite;
 }
@@ -54,23 +64,14 @@ static inline int swingup_finite(const double *values, int count)
 /* Whether a number is NaN, by its bits. */
 static inline int swingup_is_nan(const double *value)
 {
-    union {
-        double number;
-        uint64_t bits;
-    } each;
-    each.number = *value;
-    return each.bits << 1 > UINT64_C(0xffe0000000000000);
+    return swingup_magnitude(value) > SWINGUP_INFINITY;
 }
 
 /* Write NaN by its bits. */
 static inline void swingup_set_nan(double *value)
 {
-    union {
-        uint64_t bits;
-        double number;
-    } nan;
-    nan.bits = UINT64_C(0x7ff8000000000000);
-    *value = nan.number;
+    const swingup_bits bits = SWINGUP_NAN;
+    memcpy(value, &bits, sizeof bits);
 }
 
 /* Copy numbers. */
@@ -90,12 +91,6 @@ static inline void swingup_push(double *past, int count, double newest)
         past[k] = past[k - 1];
     }
     past[0] = newest;
-}
-
-/* An angle's distance (rad) without whole turns. */
-static inline double swingup_turned(double angle)
-{
-    return angle - 2.0 * SWINGUP_PI * rint(angle / (2.0 * SWINGUP_PI));
 }
 
 #endif

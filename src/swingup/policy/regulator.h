@@ -4,7 +4,7 @@
 #ifndef SWINGUP_REGULATOR_H
 #define SWINGUP_REGULATOR_H
 
-#include "numbers.h"
+#include "model.h"
 
 #if SWINGUP_HAS_REGULATOR
 typedef struct {

@@ -45,7 +45,9 @@ class Space:
         shaped = actions.reshape(*actions.shape[:-1], *self.shape)
         if self.choices:
             return (shaped + self.low).astype(self.dtype)
-        return (self.low + 0.5 * (shaped + 1.0) * (self.high - self.low)).astype(self.dtype)
+        scaled = self.low + 0.5 * (shaped + 1.0) * (self.high - self.low)
+        # Rounding may carry it beyond a bound.
+        return scaled.clip(self.low, self.high).astype(self.dtype)
 
     def describe(self) -> dict[str, Any]:
         """The entries of a policy file, as JSON values."""

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from ..common.errors import SwingupError, one_line
-from ..export.folder import FORMS, PACKAGE
+from ..export.folder import PACKAGE, ROBOT_FORMS
 
-PATTERNS = {form: entry.format(name="*") for form, (entry, _) in FORMS.items()}
+PATTERNS = {form: entry.format(name="*") for form, (entry, _) in ROBOT_FORMS.items()}
 """Forms of exported folders, and the file that each has."""
 
 
