@@ -3,6 +3,7 @@
 import importlib
 import json
 import runpy
+import shutil
 import sys
 from pathlib import Path
 
@@ -192,3 +193,12 @@ def test_constants_and_units_of_rewards_and_observations_do_not_matter(preset, s
     learn = constants.learner(preset, 1, 300_000)
     returns = {str(change): learn(constants.Pendulum(**change)).item() for change in constants.CHANGES}
     assert min(returns.values()) > -300, returns
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+def test_sizes_of_headers(script):
+    """12 + 4 weights and 5 biases of the layers, and means and deviations of 3 observations."""
+    found = script("c_size")
+    flash, _, self_test = found.measure(found.BOARDS["x86-64"], found.small_policy((4,)), "single")
+    assert 4 * (12 + 4 + 5 + 6) < flash < 4_000
+    assert self_test == "0"
