@@ -73,12 +73,14 @@ def test_without_gains_rewards_are_centred_and_an_end_has_the_value_of_nothing()
     def scaled(state, rewards):
         return scale(state, Rollout(*[nothing] * 3, np.float32(rewards), nothing, ends, ends), config)
 
-    # Mean 3 and deviation 1: -1 and 1, and the end is 3 · 0.5 · 2 = 3 deviations worse than to go on for ever.
-    state, rollout = scaled(state, [[2.0], [4.0]])
-    np.testing.assert_allclose(rollout.rewards, [[-1.0], [1.0 - 3.0]], rtol=1e-6)
+    # An end at a goal, far above the other step, is as good as to go on.
+    np.testing.assert_allclose(scaled(state, [[2.0], [4.0]])[1].rewards, [[-1.0], [1.0]], rtol=1e-6)
+    # Mean 3 and deviation 1: 1 and -1, and the end is 3 · 0.5 · 2 = 3 deviations worse than to go on for ever.
+    state, rollout = scaled(state, [[4.0], [2.0]])
+    np.testing.assert_allclose(rollout.rewards, [[1.0], [-1.0 - 3.0]], rtol=1e-6)
     # All four: mean 5, deviation √5. A centred value loses (5 - 3) · 2 / √5.
-    after, rollout = scaled(state, [[6.0], [8.0]])
-    np.testing.assert_allclose(rollout.rewards, np.array([[1.0], [3.0 - 5.0]]) / 5**0.5, rtol=1e-6)
+    after, rollout = scaled(state, [[8.0], [6.0]])
+    np.testing.assert_allclose(rollout.rewards, np.array([[3.0], [1.0 - 5.0]]) / 5**0.5, rtol=1e-6)
     heads, units = state.critic.heads, np.array([5**0.5, 1.0])
     np.testing.assert_allclose(after.critic.heads.bias, heads.bias / units - np.array([4 / 5**0.5, 0.0]), rtol=1e-6)
     np.testing.assert_allclose(after.critic.heads.weight, heads.weight / units[:, None], rtol=1e-6)
@@ -149,3 +151,26 @@ def test_an_adaptive_reset_costs_three_deviations(offset):
     assert float(found) == pytest.approx(1.5)
     np.testing.assert_allclose(charged.rewards, rewards - 1.5 * ended, rtol=1e-5)
     assert float(after.reset_cost) != 3.0
+
+
+@pytest.mark.parametrize(
+    ("steps", "last", "free"),
+    [
+        (-1.0, 0.0, 0.0), (999.0, 1000.0, 1000.0), (-1e-3, 0.0, 0.0),  # each step costs the same, the last less
+        (-1.0, -1.0, 0.0),  # nor does the last cost less: made free, an end is worth as much as it saves
+        (1.0, 1.0, None), (0.0, 0.0, None), (0.0, -1.0, None),  # a pole that fell
+        (np.float32([0.0, 1.0, 2.0, 1.0]), 3.0, None), (np.float32([0.0, 1.0, 2.0, 1.0]), 10.0, 10.0),
+    ],
+)  # fmt: skip
+def test_an_end_at_a_goal_costs_nothing(steps, last, free):
+    config = dataclasses.replace(CONFIG, terminations="adaptive_cost")
+    state = init(jax.random.key(0), Trap(), config)
+    nothing, ended, counted = np.zeros((4, 2), np.float32), np.zeros((4, 2), bool), np.ones((4, 2), np.float32)
+    ended[3, 0], counted[2, 1] = True, 0.0
+    rewards = np.float32(np.broadcast_to(np.reshape(steps, (-1, 1)), (4, 2))).copy()
+    rewards[3, 0], rewards[2, 1] = last, 0.0
+    rollout = Rollout(nothing, nothing, nothing, rewards, nothing, ended, nothing > 0, counted)
+    after, charged, cost = charge(state, rollout, config)
+    expected = rewards - cost * ended if free is None else np.where(ended, free, rewards)
+    np.testing.assert_allclose(charged.rewards, expected, rtol=1e-6)
+    assert (float(after.reset_cost) < 3.0) == (free is not None)  # only failures raise the cost of the next

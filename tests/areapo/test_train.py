@@ -10,7 +10,7 @@ import pytest
 from swingup.areapo import algorithm
 from swingup.areapo.algorithm import loss
 from swingup.areapo.config import Config
-from swingup.areapo.initial import fit_deviation, init_learner
+from swingup.areapo.initial import init_learner, wait_for_rewards
 from swingup.areapo.optimisation import adapted_step
 from swingup.areapo.rewards import BOOTSTRAP_SIZE, charge_resets
 from swingup.plant.plant import ROBOTS
@@ -197,14 +197,40 @@ def test_the_learning_rate_follows_the_kl_divergence(collected):
     ("cost", "done", "expected"), [(0.5, 0, 0.15), (5e5, 0, 0.15), (0.5, 1, 1.0), (0.0, 0, 1.0), (-0.5, 0, 1.0)]
 )
 def test_noise_that_costs_much_reward_is_lowered_after_the_first_rollout(collected, cost, done, expected):
-    config = dataclasses.replace(CONFIG, log_std_init=0.0, deviation="fitted")
-    state = init_learner(jax.random.key(0), Spaces(3, 4), config)
     rng = np.random.default_rng(0)
     latents = rng.normal(size=(64, 8, 4))
     rewards = max(abs(cost), 1.0) * rng.normal(size=(64, 8)) - cost * np.sum(np.clip(latents, -1, 1) ** 2, axis=-1)
-    rollout = dataclasses.replace(collected[1], latents=latents, rewards=rewards)
-    fitted = fit_deviation(dataclasses.replace(state, iterations=jnp.asarray(done)), rollout, config)
+    fitted = after_rewards(collected, rewards, latents, informed=bool(done))
     np.testing.assert_allclose(np.exp(fitted.actor(jnp.zeros(3)).log_std), expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize("offset", [0.0, 1000.0])
+def test_the_policy_waits_until_rewards_tell_more_than_the_price_of_actions(collected, offset):
+    latents = np.random.default_rng(0).normal(size=(64, 8, 4)).astype(np.float32)
+    price = -0.1 * np.sum(np.clip(latents, -1, 1) ** 2, axis=-1) + offset
+    goal = price.copy()
+    goal[5, 3] += 100.0
+    for rewards, learns in ((price, False), (np.full_like(price, offset - 1.0), False), (goal, True)):
+        after = after_rewards(collected, rewards, latents)
+        assert bool(after.informed) == (float(after.step_scale) == 2.0) == learns
+        moved = np.asarray(after.actor.mean_head.bias)
+        np.testing.assert_array_equal(moved, np.full(4, float(learns)))
+        np.testing.assert_array_equal(after.actor(jnp.zeros(3)).log_std, 0.0)  # not even then is noise too dear
+    ended = np.zeros((64, 8), bool)
+    ended[5, 3] = True
+    assert after_rewards(collected, np.ones_like(price), latents, terminated=ended).informed
+
+
+def after_rewards(collected, rewards, latents, informed=False, **changes):
+    """The learner after a rollout of such rewards; training moved the biases of its policy's mean to 1."""
+    config = dataclasses.replace(CONFIG, log_std_init=0.0, deviation="fitted")
+    state = init_learner(jax.random.key(0), Spaces(3, 4), config)
+    state = dataclasses.replace(state, informed=jnp.asarray(informed))
+    head = dataclasses.replace(state.actor.mean_head, bias=jnp.ones(4))
+    actor = dataclasses.replace(state.actor, mean_head=head)
+    improved = dataclasses.replace(state, actor=actor, step_scale=jnp.asarray(2.0))
+    rollout = dataclasses.replace(collected[1], latents=latents, rewards=np.float32(rewards), **changes)
+    return wait_for_rewards(state, improved, rollout, config)
 
 
 def test_every_environment_draws_its_own_truncations_and_resets(resetting):

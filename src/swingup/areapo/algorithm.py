@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float
 from ..common.types import Count, Key, Scalar
 from ..tasks.task import AbstractTask, strongly_typed
 from .config import Config
-from .initial import begin_episodes, fit_deviation, init_learner
+from .initial import begin_episodes, init_learner, wait_for_rewards
 from .networks import AnyActor, Critic, sample_actions
 from .optimisation import adapted_step, make_optimiser, scheduled, shuffled
 from .rewards import charge_resets, scale_rewards, values_after
@@ -98,16 +98,17 @@ def update(state: LearnerState, rollout: Rollout, config: Config) -> tuple[Learn
     """Learn from a rollout of any back end: estimate soft advantages and gains, then improve actor and critic.
 
     Options that the paper lacks stand around these two steps. Before them, ``charge_resets`` and ``scale_rewards``
-    change the rewards to learn from, then ``scheduled`` changes hyperparameters. After them, ``fit_deviation``
-    lowers the initial noise. The metrics are those of the rewards as they were collected.
+    change the rewards to learn from, then ``scheduled`` changes hyperparameters. After them, ``wait_for_rewards``
+    keeps the policy while there is nothing to learn, then lowers the initial noise where it costs much. The metrics
+    are those of the rewards as they were collected.
     """
     state, charged, cost = charge_resets(state, rollout, config)
     state, scaled = scale_rewards(state, charged, config)
     # After the scaling: a λ that falls leaves the rewards' unit as it is.
     now = scheduled(config, state.iterations)
     state, frames, value_means = estimate(state, scaled, now)
-    state, losses, gradient_norm = improve(state, frames, now)
-    state = fit_deviation(state, rollout, now)
+    improved, losses, gradient_norm = improve(state, frames, now)
+    state = wait_for_rewards(state, improved, rollout, now)
     metrics = make_metrics(state, rollout, cost, value_means, losses, gradient_norm)
     return replace(state, key=jax.random.fold_in(state.key, NEXT), iterations=state.iterations + 1), metrics
 

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..common.types import Key
+from ..common.types import Flag, Key, Scalar
 from ..policy.network import RELU, TANH, Activation, Bounds
 from ..tasks.task import Spaces
 from .config import Config
@@ -19,6 +19,7 @@ from .statistics import mean, running_statistics
 COSTLY_SHARE = 0.05
 """Noise is too expensive if squared actions explain this share of the rewards' variance. With the initial deviation
 of `mujoco` the share is 0.12 to 1 on the ants, Reacher and Pusher, at most 0.006 on six other tasks."""
+WHOLE_SHARE = 0.999  # Where they explain more, nothing but the price of actions was seen
 REDUCED_SHARE = 0.15  # Share of the initial deviation that remains where noise is too expensive
 
 
@@ -49,26 +50,43 @@ def init_learner(key: Key, spaces: Spaces, config: Config) -> LearnerState:
         reward_statistics=running_statistics(),
         step_scale=jnp.ones(()),
         sum_statistics=running_statistics(),
+        informed=jnp.zeros((), bool),
     )
 
 
-def fit_deviation(state: LearnerState, rollout: Rollout, config: Config) -> LearnerState:
-    """After the first rollout, lower σ if the rewards fall as Σ a² rises.
+def wait_for_rewards(before: LearnerState, after: LearnerState, rollout: Rollout, config: Config) -> LearnerState:
+    """The learner after a rollout, whose policy stays as it was until rewards tell more than the price of actions.
 
-    Where torques cost nothing, as on Swimmer, large noise explores better. Where they cost much, training lowers σ,
-    but slowly: a reacher needs 100,000 steps, and until then the noise hides all other effects of an action.
+    Where nothing is known but that price, training would only save actions, and a goal would never be found. When
+    more is known, ``fitted`` lowers σ if the rewards fall as Σ a² rises. Where torques cost nothing, as on Swimmer,
+    large noise explores better. Where they cost much, training lowers σ, but slowly: a reacher needs 100,000 steps,
+    and until then the noise hides all other effects of an action.
     """
-    actor = state.actor
-    if config.deviation != "fitted" or not isinstance(actor, Actor) or actor.std_head is None:
-        return state
+    share, varies = price_of_actions(before.actor, rollout)
+    informed = before.informed | (varies & (share < WHOLE_SHARE)) | jnp.any(rollout.terminated)
+    actor = jax.tree.map(lambda new, old: jnp.where(informed, new, old), after.actor, before.actor)
+    if config.deviation == "fitted" and isinstance(actor, Actor) and actor.std_head is not None:
+        bias = actor.std_head.bias
+        lower = jnp.minimum(bias, config.log_std_init + math.log(REDUCED_SHARE))
+        costly = informed & ~before.informed & (share > COSTLY_SHARE)
+        actor = dataclasses.replace(actor, std_head=Linear(actor.std_head.weight, jnp.where(costly, lower, bias)))
+    # No divergence was seen to which the step could adapt.
+    scale = jnp.where(informed, after.step_scale, before.step_scale)
+    return dataclasses.replace(after, actor=actor, step_scale=scale, informed=informed)
+
+
+def price_of_actions(actor: AnyActor, rollout: Rollout) -> tuple[Scalar, Flag]:
+    """Share of the rewards' variance that a price of Σ a² explains, and whether rewards vary at all."""
+    # Less the first reward, so that equal rewards differ by exactly nothing.
+    rewards = rollout.rewards - rollout.rewards[0, 0]
+    varies = jnp.any((rewards != 0.0) & (True if rollout.counted is None else rollout.counted > 0.0))
+    if isinstance(actor, CategoricalActor):
+        return jnp.zeros(()), varies
     efforts = jnp.sum(BOUNDS[actor.bounds](rollout.latents) ** 2, axis=-1)
-    efforts, rewards = (values - mean(values, rollout.counted) for values in (efforts, rollout.rewards))
+    efforts, rewards = (values - mean(values, rollout.counted) for values in (efforts, rewards))
+    covariance = mean(efforts * rewards, rollout.counted)
     variances = mean(efforts**2, rollout.counted) * mean(rewards**2, rollout.counted)
-    costly = mean(efforts * rewards, rollout.counted) < -jnp.sqrt(COSTLY_SHARE * variances)
-    bias = actor.std_head.bias
-    lower = jnp.minimum(bias, config.log_std_init + math.log(REDUCED_SHARE))
-    head = Linear(actor.std_head.weight, jnp.where((state.iterations == 0) & costly, lower, bias))
-    return dataclasses.replace(state, actor=dataclasses.replace(actor, std_head=head))
+    return jnp.where(covariance < 0.0, covariance**2 / jnp.maximum(variances, 1e-30), 0.0), varies
 
 
 def begin_episodes(state: LearnerState, observations: Float[Array, "envs n"]) -> LearnerState:

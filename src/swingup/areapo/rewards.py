@@ -17,11 +17,14 @@ from ..common.types import Count, Scalar
 from .config import Config
 from .networks import Critic
 from .state import LearnerState, Rollout, reward_unit, termination_rate
-from .statistics import deviation, mean
+from .statistics import MIN_RELATIVE_DEVIATION, deviation, mean
 
 TERMINATION_TARGET = 1e-3  # f*: target of the adaptive cost, in terminations a step (RVI-SAC, arXiv 2408.01972)
 COST_STEP = 1.5
 """η_c: increase of the adaptive cost for each termination above the target (standard deviations of the reward)."""
+GOAL_DEVIATIONS = 5.0
+"""An end whose reward is this many deviations above the mean of the other steps is a success. With random actions no
+fall of Hopper, Walker2d, Ant or Humanoid is above 1.2."""
 BOOTSTRAP_SIZE = 64
 """States whose values are computed at once; a rollout of Table I has about 13 truncated steps."""
 
@@ -30,20 +33,39 @@ def charge_resets(state: LearnerState, rollout: Rollout, config: Config) -> tupl
     """Subtract the cost of a reset from the rewards of terminated steps; also the cost (units of the reward).
 
     A fixed cost is in units of the reward, as in arXiv 2501.06937's continuing MuJoCo tasks. An adaptive cost is in
-    deviations of the task's rewards so far: neither their unit nor a constant in them changes what it means. With
-    any other meaning of a termination nothing changes.
+    deviations of the task's rewards so far: neither their unit nor a constant in them changes what it means. It
+    falls due for failures alone: a goal that cost something would not be reached. With any other meaning of a
+    termination nothing changes.
     """
+    goals, free = reached_goals(rollout)
     if config.terminations == "reset_cost":
-        cost = state.reset_cost
+        cost, goals = state.reset_cost, jnp.zeros_like(goals)
     elif config.terminations == "adaptive_cost":
         seen = state.task_rewards.update_all(rollout.rewards, rollout.counted)
         cost = state.reset_cost * deviation(seen)
-        adapted = adapted_cost(state.reset_cost, termination_rate(rollout), config.rollout_size)
+        failures = termination_rate(replace(rollout, terminated=rollout.terminated & ~goals))
+        adapted = adapted_cost(state.reset_cost, failures, config.rollout_size)
         state = replace(state, reset_cost=adapted, task_rewards=seen)
     else:
         return state, rollout, jnp.zeros(())
-    charged = jnp.where(rollout.terminated, rollout.rewards - cost, rollout.rewards)
-    return state, replace(rollout, rewards=charged), cost
+    charged = jnp.where(rollout.terminated & ~goals, rollout.rewards - cost, rollout.rewards)
+    return state, replace(rollout, rewards=jnp.where(goals, free, charged)), cost
+
+
+def reached_goals(rollout: Rollout) -> tuple[Bool[Array, "steps envs"], Float[Array, "steps envs"]]:
+    """Which terminations are a success, and the reward that each then has.
+
+    A success earns far more than the other steps. Or every step costs the same, also the last one: then an end
+    saves what further steps would cost, and to say so, the last one is made free.
+    """
+    counted = jnp.ones_like(rollout.rewards) if rollout.counted is None else rollout.counted
+    others = counted * (1.0 - rollout.terminated)
+    typical = mean(rollout.rewards, others)
+    gains = rollout.rewards - typical
+    rounding = MIN_RELATIVE_DEVIATION * jnp.abs(typical)
+    higher = gains > GOAL_DEVIATIONS * jnp.sqrt(mean(gains**2, others)) + rounding
+    alike = (typical < 0.0) & jnp.all(counted * jnp.abs(gains) <= rounding)
+    return rollout.terminated & (higher | alike), jnp.where(alike, 0.0, rollout.rewards)
 
 
 def adapted_cost(cost: Scalar, rate: Scalar, frames: int) -> Scalar:
@@ -118,7 +140,9 @@ def scale_rewards(state: LearnerState, rollout: Rollout, config: Config) -> tupl
         shift = jnp.where(known, forever * (new.mean - old.mean) / unit, 0.0)
         rewards = rewards - new.mean
         if config.terminations == "end":
-            rewards = rewards - rollout.terminated * (forever - 1.0) * new.mean  # γ / (1 - γ) = 1 / (1 - γ) - 1
+            # Where rewards have a positive mean, to end at a goal is as good as to go on: its constant is no loss.
+            lost = rollout.terminated & ~(reached_goals(rollout)[0] & (new.mean > 0.0))
+            rewards = rewards - lost * (forever - 1.0) * new.mean  # γ / (1 - γ) = 1 / (1 - γ) - 1
     pair = jnp.stack([ratio, jnp.ones(())])
     critic = state.critic.with_values(pair, jnp.stack([shift, jnp.zeros(())]))
     state = replace(state, critic=critic, gains=state.gains * pair)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Bool, Float, Shaped
 
-from ..common.types import Count, Key, Scalar
+from ..common.types import Count, Flag, Key, Scalar
 from ..tasks.task import AbstractTask
 from .networks import AnyActor, Critic
 from .statistics import RunningStatistics, deviation, mean
@@ -59,6 +59,8 @@ class LearnerState(eqx.Module):
     """Factor of the learning rate, if it adapts."""
     sum_statistics: RunningStatistics
     """Statistics of the decayed sums of these rewards, whose standard deviation is their unit."""
+    informed: Flag
+    """Whether a rollout had ends, or rewards that vary by more than the price of actions."""
 
 
 class Rollout(eqx.Module):
