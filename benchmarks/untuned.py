@@ -9,14 +9,17 @@ CartPoleSwingup and RotaryPendulum are of this file: dm_control's cart-pole with
 that turns without limits and swings up a rod of 0.2 m. Neither ends before its 1,000 steps.
 Needs swingup[mujoco], and stable-baselines3 for the peer.
 
-Finished runs are rows of the file and are not repeated: the mean return of 20 deterministic episodes of the task
-without the change, and seconds of the processor. `--seeds 0` trains nothing and shows what is finished, with how
-many seeds learned where the task has a threshold.
+Finished runs are rows of the file and are not repeated: the mean return of the last policy in 20 deterministic
+episodes, in the task's own rewards, and seconds of the processor; the seeds of a call share those of compilation
+and judgement. `--seeds 0` trains nothing and shows what is finished, with how many seeds learned where the task has
+a threshold.
 """
 
 import argparse
 import csv
+import itertools
 import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -117,31 +120,40 @@ def make(task: str, change: str = "plain") -> gymnasium.Env[Any, Any]:
     return TransformReward(env, {"offset": lambda paid: paid + 1000.0, "small": lambda paid: 1e-3 * paid}[change])
 
 
-def train(task: str, change: str, learner: str, seed: int, frames: int) -> tuple[float, float]:
-    """The mean return of a run's last policy, and the run's processor seconds without the evaluation."""
-    start = time.process_time()
+def train(task: str, change: str, learner: str, seeds: Sequence[int], frames: int) -> Iterator[tuple[int, float]]:
+    """Each seed with the mean return of its last policy, in the task's own rewards."""
     if learner == "sb3-ppo":
-        from mujoco_learning import ENVS, STEPS
-        from stable_baselines3 import PPO
-        from stable_baselines3.common.env_util import make_vec_env
-        from stable_baselines3.common.evaluation import evaluate_policy
-        from stable_baselines3.common.vec_env import VecNormalize
-
-        peer = VecNormalize(make_vec_env(lambda: make(task, change), ENVS, seed=seed))
-        ppo = PPO("MlpPolicy", peer, n_steps=STEPS, seed=seed, device="cpu").learn(frames)
-        seconds = time.process_time() - start
-        plain = VecNormalize(make_vec_env(lambda: make(task), 1, seed=seed), training=False, norm_reward=False)
-        plain.obs_rms = peer.obs_rms
-        return float(np.mean(evaluate_policy(ppo, plain, EPISODES)[0])), seconds
+        yield from ((seed, peer_score(task, change, seed, frames)) for seed in seeds)
+        return
     preset = None if learner == "default" else learner
-    reports = {"evaluate_every": frames, "checkpoint_every": frames, "evaluation_episodes": 1}
-    model = AREAPO(lambda: make(task, change), preset, seed, **reports)
-    model.learn(frames)
-    seconds = time.process_time() - start
-    found = model.evaluate(EPISODES)
+    rows: list[Any] = []
+    reports: dict[str, Any] = {
+        "evaluate_every": frames,
+        "checkpoint_every": frames,
+        "evaluation_episodes": EPISODES,
+    }
+    # One after another, each as it trains alone; they share the compiled program.
+    model = AREAPO(lambda: make(task, change), preset, seeds[0], seeds=len(seeds), **reports)
+    model.learn(frames, lambda _, report: rows.extend(report.rows))
     model.close()
-    score, length = found["score"], found["mean_length"]
-    return (score - 1000.0 * length if change == "offset" else 1e3 * score if change == "small" else score), seconds
+    for seed, row in zip(seeds, rows[-len(seeds) :], strict=True):
+        score, length = row.score, row.as_dict()["mean_length"]
+        yield seed, score - 1000.0 * length if change == "offset" else 1e3 * score if change == "small" else score
+
+
+def peer_score(task: str, change: str, seed: int, frames: int) -> float:
+    """The same of the peer."""
+    from mujoco_learning import ENVS, STEPS
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.env_util import make_vec_env
+    from stable_baselines3.common.evaluation import evaluate_policy
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    env = VecNormalize(make_vec_env(lambda: make(task, change), ENVS, seed=seed))
+    model = PPO("MlpPolicy", env, n_steps=STEPS, seed=seed, device="cpu").learn(frames)
+    judge = VecNormalize(make_vec_env(lambda: make(task), 1, seed=seed), training=False, norm_reward=False)
+    judge.obs_rms = env.obs_rms
+    return float(np.mean(evaluate_policy(model, judge, EPISODES)[0]))
 
 
 def main() -> None:
@@ -157,18 +169,18 @@ def main() -> None:
     options = parser.parse_args()
     if not options.file.exists():
         options.file.write_text(",".join(COLUMNS) + "\n")
-    rows = [tuple(row.values())[:5] for row in csv.DictReader(options.file.open())]
-    for seed in range(options.first_seed, options.first_seed + options.seeds):
-        for task in options.tasks:
-            for change in options.changes:
-                for learner in options.learners:
-                    run = (task, change, learner, str(seed), str(options.frames))
-                    if run not in rows:
-                        score, seconds = train(task, change, learner, seed, options.frames)
-                        row = (*run, f"{score:.2f}", f"{seconds:.1f}")
-                        with options.file.open("a") as file:
-                            file.write(",".join(row) + "\n")
-                        print(*row, flush=True)
+    done = [tuple(row.values())[:5] for row in csv.DictReader(options.file.open())]
+    for task, change, learner in itertools.product(options.tasks, options.changes, options.learners):
+        seeds = range(options.first_seed, options.first_seed + options.seeds)
+        missing = [each for each in seeds if (task, change, learner, str(each), str(options.frames)) not in done]
+        start = time.process_time()
+        found = list(train(task, change, learner, missing, options.frames)) if missing else []
+        for seed, score in found:
+            seconds = (time.process_time() - start) / len(missing)
+            row = (task, change, learner, str(seed), str(options.frames), f"{score:.2f}", f"{seconds:.1f}")
+            with options.file.open("a") as file:
+                file.write(",".join(row) + "\n")
+            print(*row, flush=True)
     print("\n| task | change | learner | frames | scores | learned | CPU-seconds a run |")
     print("|---" * 7 + "|")
     groups: dict[tuple[str, ...], list[tuple[float, float]]] = {}
