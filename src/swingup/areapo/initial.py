@@ -14,7 +14,7 @@ from .config import Config
 from .networks import BOUNDS, Actor, AnyActor, CategoricalActor, Critic, Linear
 from .optimisation import make_optimiser
 from .state import LearnerState, Rollout
-from .statistics import mean, running_statistics
+from .statistics import MIN_RELATIVE_DEVIATION, mean, running_statistics
 
 COSTLY_SHARE = 0.05
 """Noise is too expensive if squared actions explain this share of the rewards' variance. With the initial deviation
@@ -77,15 +77,16 @@ def wait_for_rewards(before: LearnerState, after: LearnerState, rollout: Rollout
 
 def price_of_actions(actor: AnyActor, rollout: Rollout) -> tuple[Scalar, Flag]:
     """Share of the rewards' variance that a price of Σ a² explains, and whether rewards vary at all."""
-    # Less the first reward, so that equal rewards differ by exactly nothing.
-    rewards = rollout.rewards - rollout.rewards[0, 0]
-    varies = jnp.any((rewards != 0.0) & (True if rollout.counted is None else rollout.counted > 0.0))
+    counted = jnp.ones_like(rollout.rewards) if rollout.counted is None else rollout.counted
+    typical = mean(rollout.rewards, counted)
+    rewards = rollout.rewards - typical
+    varies = jnp.any(counted * jnp.abs(rewards) > MIN_RELATIVE_DEVIATION * jnp.abs(typical))
     if isinstance(actor, CategoricalActor):
         return jnp.zeros(()), varies
     efforts = jnp.sum(BOUNDS[actor.bounds](rollout.latents) ** 2, axis=-1)
-    efforts, rewards = (values - mean(values, rollout.counted) for values in (efforts, rewards))
-    covariance = mean(efforts * rewards, rollout.counted)
-    variances = mean(efforts**2, rollout.counted) * mean(rewards**2, rollout.counted)
+    efforts = efforts - mean(efforts, counted)
+    covariance = mean(efforts * rewards, counted)
+    variances = mean(efforts**2, counted) * mean(rewards**2, counted)
     return jnp.where(covariance < 0.0, covariance**2 / jnp.maximum(variances, 1e-30), 0.0), varies
 
 

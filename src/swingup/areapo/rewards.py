@@ -23,8 +23,8 @@ TERMINATION_TARGET = 1e-3  # f*: target of the adaptive cost, in terminations a 
 COST_STEP = 1.5
 """η_c: increase of the adaptive cost for each termination above the target (standard deviations of the reward)."""
 GOAL_DEVIATIONS = 5.0
-"""An end whose reward is this many deviations above the mean of the other steps is a success. With random actions no
-fall of Hopper, Walker2d, Ant or Humanoid is above 1.2."""
+"""An end whose reward is this many deviations above the mean of the other steps is a success. With random actions
+no fall of Hopper, Walker2d, Ant or Humanoid is above 1.2."""
 BOOTSTRAP_SIZE = 64
 """States whose values are computed at once; a rollout of Table I has about 13 truncated steps."""
 
