@@ -64,6 +64,8 @@ CHANGES = {
     ),
     "offset-1000": Change("a constant of 1,000 in the rewards matters", {}, {"reward_offset": 1000.0}),
 }
+FAILED = 0.6
+"""A seed fails if its last 100,000 steps are less than this share of the median seed's way from random actions."""
 RELEVANT = 0.1
 """A difference that matters, of the way from random actions to centred PPO."""
 
@@ -112,6 +114,7 @@ def row_of(task: str, curves: Sequence[Curve]) -> str:
         return f"| {task} | {random} | {ppo} | {centred} | not run | | | | | |"
     means = [float(np.mean(curve["scores"])) for curve in curves]
     last = [float(np.mean(curve["scores"][-10:])) for curve in curves]
+    failed = sum(each - random < FAILED * (np.median(last) - random) for each in last)
     found = 100 * np.array(shares(task, curves))
     share = f"{np.mean(found):.0f} %"
     if len(found) > 1:
@@ -120,7 +123,7 @@ def row_of(task: str, curves: Sequence[Curve]) -> str:
         f"**{np.mean(means):.3f}**" if np.mean(found) > 100 else f"{np.mean(means):.3f}", share,
         f"{np.mean(last):.3f}", f"{np.mean([curve['deterministic'] for curve in curves]):.3f}",
         f"{np.mean([np.mean(curve['resets'][-10:]) for curve in curves]):.2f}",
-        f"{len(curves)}",
+        f"{failed} of {len(curves)}",
     ]  # fmt: skip
     return f"| {task} | {random} | {ppo} | {centred} | {' | '.join(numbers)} |"
 
@@ -160,7 +163,7 @@ def main() -> None:
         "last 100,000",
         "deterministic",
     ]
-    print(f"\n| {' | '.join([*heads, 'resets', 'seeds'])} |")
+    print(f"\n| {' | '.join([*heads, 'resets', 'seeds that fail'])} |")
     print("|---" + "|---:" * (len(heads) + 1) + "|")
     for task in options.tasks:
         print(row_of(task, study.of(task, *base)))
