@@ -183,15 +183,14 @@ def main() -> None:
             print(*row, flush=True)
     print("\n| task | change | learner | frames | scores | learned | CPU-seconds a run |")
     print("|---" * 7 + "|")
-    groups: dict[tuple[str, ...], list[tuple[float, float]]] = {}
-    for row in csv.DictReader(options.file.open()):
-        key = (row["task"], row["change"], row["learner"], row["frames"])
-        groups.setdefault(key, []).append((float(row["score"]), float(row["cpu_seconds"])))
-    for (task, change, learner, count), found in groups.items():
-        scores = sorted(score for score, _ in found)
+    groups: dict[tuple[str, ...], list[dict[str, str]]] = {}
+    for line in csv.DictReader(options.file.open()):
+        groups.setdefault(tuple(line[each] for each in ("task", "change", "learner", "frames")), []).append(line)
+    for (task, change, learner, count), lines in groups.items():
+        scores = sorted(float(line["score"]) for line in lines)
         learned = f"{sum(each >= LEARNED[task] for each in scores)} of {len(scores)}" if task in LEARNED else ""
         shown = ", ".join(f"{each:.0f}" for each in scores)
-        cost = np.mean([seconds for _, seconds in found])
+        cost = np.mean([float(line["cpu_seconds"]) for line in lines])
         print(f"| {task} | {change} | {learner} | {int(count):,} | {shown} | {learned} | {cost:.0f} |")
 
 
