@@ -57,7 +57,7 @@ def task_usage(policy: TaskPolicy, data: dict[str, Data], precision: Precision) 
 
 def plain(name: str) -> str:
     """A name for a comment of C, which nothing in it can end."""
-    return re.sub(r"[^\w. /-]|/(?=\*)|\*", "_", name, flags=re.ASCII)[:60]
+    return re.sub(r"[^\w. /-]", "_", name, flags=re.ASCII)[:60]
 
 
 def sizes(data: dict[str, Data], precision: Precision, ram: str) -> str:
