@@ -206,7 +206,9 @@ def test_facts_of_an_mjcf(tmp_path):
 WRONG = {
     "has a document type": '<!DOCTYPE robot [<!ENTITY a "b">]>' + urdf(),
     "it is xacro": urdf(more='<xacro:property name="m" value="1"/>'),
-    "1 joints move ('shoulder')": urdf().replace('name="elbow" type="continuous"', 'name="elbow" type="fixed"'),
+    "as type=\"continuous\" with its <axis>; fixed to what moves are 'elbow'": urdf().replace(
+        'name="elbow" type="continuous"', 'name="elbow" type="fixed"'
+    ),
     "'mount' is 'prismatic'": urdf(TOOL[0], TOOL[1].replace('type="fixed"', 'type="prismatic"')),
     "has multiple parents": urdf(joints=TOOL[1].replace("tool", "upper")),
     "'elbow' is turned by 90°": urdf().replace('-0.4"/>\n<axis xyz="0 1 0"', '-0.4"/>\n<axis xyz="1 0 0"'),

@@ -11,8 +11,10 @@ import pytest
 import yaml
 
 from refusals import refusal
+from swingup.dynamics.dynamics import linearise
 from swingup.loop.draw import draw
 from swingup.loop.resolve import resolve
+from swingup.plant.base_parameters import base_parameters
 from swingup.plant.files import SHIPPED_PLANTS, load_plant
 from swingup.plant.measured import measured_plant
 from swingup.plant.plant import LEADERBOARD, ROBOTS, get_robot, torque_over_gravity, validated
@@ -28,6 +30,7 @@ from swingup.plant.units import (
     scales_of,
     similar_plant,
 )
+from swingup.plant.upright import upright_needs
 
 C1 = load_plant("C.1")
 IDENTIFIED = yaml.safe_load((Path(__file__).parent / "data" / "C.1.yml").read_text()) | {"tl1": 6.0, "tl2": 6.0}
@@ -176,7 +179,60 @@ def test_inertias_by_name_motors_with_their_gears_and_values_in_the_place_of_a_p
     assert f"take {slow:.3g} s, and {fast:.3g} s" in told
 
 
+SPONG = {
+    "theta1": 4 / 3,
+    "theta2": 4 / 3,
+    "theta3": 1.0,
+    "theta4": 1.5,
+    "theta5": 1.0,
+    "l1": 1.0,
+    "l2": 2.0,
+    "tl2": 10.0,
+}
+
+
+def test_base_parameters_are_enough():
+    """Spong's acrobot: links of 1 and 2 m, of 1 kg each, with I = 1/12 and 1/3 kg m² about their centres."""
+    links = {"m1": 1.0, "m2": 1.0, "l1": 1.0, "l2": 2.0, "Ic1": 1 / 12, "Ic2": 1 / 3, "tl2": 10.0}
+    right = base_parameters(measured_plant(values=links).plant)
+    ours = {
+        "I1 + m2 l1²": 4 / 3,
+        "I2": 4 / 3,
+        "m2 r2": 1.0,
+        "m1 r1 + m2 l1": 1.5,
+        "l1": 1.0,
+        "l2": 2.0,
+        "tl2": 10.0,
+    }
+    for values in (SPONG, ours):
+        assert base_parameters(measured_plant(values=values).plant) == pytest.approx(right)
+    changed = measured_plant("C.1", {"m2r2": 0.17}).plant
+    assert (changed.m2 * changed.r2, changed.I2, changed.tl1) == pytest.approx((0.17, C1.I2, C1.tl1))
+
+
+def test_what_the_upright_asks_for(x64):
+    """Its poles are those of the linearisation; no bang-bang torque catches a lean beyond the largest one."""
+    plant, robot = LEADERBOARD, ROBOTS["acrobot"]
+    need = upright_needs(plant, robot)
+    state, ours = np.array([np.pi, 0.0, 0.0, 0.0]), need.poles
+    a, b = linearise(plant, state, np.zeros(2))
+    values = np.linalg.eigvals(np.asarray(a, float)).real
+    assert sorted(values[values > 0]) == pytest.approx(ours, rel=1e-4)
+    assert need.dead_time * sum(ours) == pytest.approx(0.33)
+    assert 0.5 / need.rate == pytest.approx(0.25 * need.dead_time)
+    # At the largest lean the full torque holds one unstable mode w x, so that w (A x + B u) = 0; beyond it loses.
+    rates, left = np.linalg.eig(np.asarray(a, float).T)
+    lean = np.array([need.tilt, 0.0, 0.0, 0.0])
+    pushes = np.asarray(b, float)[:, 1] * plant.tl2
+    drift = [
+        abs(rate.real * w @ lean) - abs(w @ pushes) for rate, w in zip(rates, left.real.T, strict=True) if rate > 0
+    ]
+    assert max(drift) == pytest.approx(0.0, abs=1e-3)
+
+
 WRONG = {
+    "m1 and base parameters say the same": ROD | {"m2r2": 0.1},
+    "base parameters need m2r2, I1+m2l1^2, I2 as well": {"theta4": 1.0, "l1": 1.0},
     "unknown value 'm3'": {"m3": 1.0},
     "a plant needs m2, l2": {"m1": 0.5, "l1": 0.2, "tl1": 1.0},
     "I1 and Ic1 say the same": ROD | {"I1": 0.1, "Ic1": 0.1},

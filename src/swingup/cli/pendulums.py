@@ -19,6 +19,7 @@ from ..plant.chain import READINGS
 from ..plant.files import MODEL_FILES, PARAMETER_FILES, is_model_file, save_plant
 from ..plant.measured import measured_plant
 from ..plant.plant import ROBOTS, torque_over_gravity
+from ..plant.upright import Upright, upright_needs
 from ..policy.shipped import DEFAULT, is_policy
 from ..rehearsal.process import find_folder
 from ..report.log_report import (
@@ -64,7 +65,8 @@ def plant_command(
         source: the plant.
         set: values in SI units, which replace the plant's: m1, l1, r1, I1, b1, cf1, tl1, those of link 2, Ir, gr
             and g, as in a parameter file; Ic1 and Ic2, inertias about the centres of mass; motor, the torque of
-            both motors before the gears.
+            both motors before the gears; base parameters, m1r1+m2l1, m2r2, I1+m2l1^2 and I2, or Spong's theta1 to
+            theta5, in the place of masses, with l1.
         inertia: what the inertias of a URDF or an MJCF are about: the centre of mass, or the joint, as in
             RealAIGym's files.
         out: files to write, .yml, .urdf or .xml.
@@ -82,11 +84,22 @@ def plant_command(
     rows = [[text, f"{name}1, {name}2", *numbers[name]] for name, text in ROWS.items()]
     tell_table(["", "names", "link 1", "link 2"], rows, texts=2, title=str(plant))
     ratios = ", ".join(f"{name} {torque_over_gravity(plant.driven(robot)):.3g}" for name, robot in ROBOTS.items())
+    needs = {name: upright_needs(plant, robot) for name, robot in ROBOTS.items() if plant.limit(robot.joint) > 0}
     tell(
         f"rotors Ir = {plant.Ir:.4g} kg m², gear ratio gr = {plant.gr:.4g}, gravity g = {plant.g:.4g} m/s²",
         f"torque over gravity: {ratios}",
         *found.notes,
+        *(_upright_line(name, need) for name, need in needs.items() if need is not None),
         *(f"wrote {each}: use it with --plant {each}" for each in out),
+    )
+
+
+def _upright_line(robot: str, need: Upright) -> str:
+    low, high = need.poles
+    return (
+        f"upright as {robot}: poles {low:.3g} and {high:.3g}/s; the motor catches a lean of at most {need.tilt:.2g} "
+        f"rad; rules of thumb: {need.rate:.0f} Hz or faster, delay, lag and half a period below "
+        f"{1e3 * need.dead_time:.2g} ms together, encoders of {need.counts} counts or more"
     )
 
 

@@ -96,6 +96,14 @@ def double_pendulum(
         if min(link.damping, link.coulomb, link.armature) < 0:
             raise SwingupError(f"joint {quoted(link.joint)} has a damping, friction or armature that is negative")
     first, second = links
+    for number, link in enumerate(links, 1):
+        welded = [
+            f"{quoted(part.body)} ({part.mass:.3g} kg)"
+            for part in link.parts
+            if part.body != link.body and part.mass
+        ]
+        if welded:
+            notes.append(f"counted with link {number}: {', '.join(welded)}, fixed to {quoted(link.body)}")
     plane = _plane(links, gravity)
     arm = plane.flat(second.anchor - first.anchor)
     l1 = float(np.hypot(*arm))

@@ -8,20 +8,26 @@ centre r from the joint, the inertia about the joint is m l² (4 r / l - 1) / 3 
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..common.checks import finite_number, one_of
 from ..common.errors import SwingupError
 from .equations import mass_entries
-from .files import is_model_file, load_plant
+from .files import CHOSEN_NUMBERS, is_model_file, load_plant, representative
 from .model_file import read_model
 from .plant import NAMES, Plant, PlantLike, lump, make_plant
 
 MORE_NAMES = ("Ic1", "Ic2", "motor")
 """What is given beside a plant's numbers: inertias about the centres of mass (kg m²), and the torque of both motors
 before their gears (N m)."""
+
+LUMPED_NAMES = {
+    "m1r1+m2l1": "k", "theta4": "k", "m2r2": "m2r2", "theta5": "m2r2", "theta3": "coupling",
+    "I1+m2l1^2": "shoulder", "theta1": "shoulder", "I1+I2+m2l1^2": "A", "theta2": "B",
+}  # fmt: skip
+"""Base parameters, as motion tells them, and Spong's θ (IEEE Control Systems 15, 1995); the elbow's, B, is I2."""
 
 DEFAULT_VALUES = {"Ir": 0.0, "gr": 1.0, "b1": 0.0, "b2": 0.0, "cf1": 0.0, "cf2": 0.0, "g": 9.81}
 """Values of what is not measured."""
@@ -46,14 +52,17 @@ def measured_plant(
 
     Args:
         source: a plant, its name or its file; None where the values say all.
-        values: numbers by name that replace the source's: a plant's, or some of :data:`MORE_NAMES`.
+        values: numbers by name that replace the source's: a plant's, some of :data:`MORE_NAMES`, or base
+            parameters, :data:`LUMPED_NAMES`, in the place of masses, centres and inertias.
         inertia: of a URDF or an MJCF, what its inertias are about: "centre" (of mass) or "joint".
 
     Raises:
         SwingupError: a name is unknown, a value is missing or given twice, or they make no pendulum.
     """
-    measured = {one_of("value", name, (*NAMES, *MORE_NAMES)): value for name, value in (values or {}).items()}
-    measured = {name: finite_number(name, value) for name, value in measured.items()}
+    given = {name.replace(" ", "").replace("²", "^2"): value for name, value in (values or {}).items()}
+    given = {name: finite_number(name, value) for name, value in given.items()}
+    lumped = {LUMPED_NAMES[name]: given.pop(name) for name in [*given] if name in LUMPED_NAMES}
+    measured = {one_of("value", name, (*NAMES, *MORE_NAMES)): value for name, value in given.items()}
     # Before the file is read, whose armature is divided by it.
     if not measured.get("gr", 1.0) > 0:
         raise SwingupError(f"gr = {measured['gr']:g} must be positive")
@@ -65,11 +74,15 @@ def measured_plant(
         facts |= dict.fromkeys(MOTORS, measured["motor"] * facts["gr"])
     elif source is None and facts.keys() & set(MOTORS):
         facts = dict.fromkeys(MOTORS, 0.0) | facts
+    if lumped:
+        notes += _build_links(facts, measured, lumped)
     needed = [f"{each}{link}" for each in ("m", "l") for link in (1, 2)]
     missing = [each for each in (*needed, *MOTORS) if each not in facts]
     if missing:
         lacking = "a plant needs" if source is None else f"{name} does not say"
-        raise SwingupError(f"{lacking} {', '.join(missing)}: add {missing[0]}=VALUE, in SI units")
+        words = " ".join(f"{each}=VALUE" for each in missing)
+        motors = ", and 0 of a joint without a motor" if {*missing} & {*MOTORS} else ""
+        raise SwingupError(f"{lacking} {', '.join(missing)}: add --set {words}, in SI units{motors}")
     for link in (1, 2):
         _refuse_both(measured, f"I{link}", f"Ic{link}")
         notes += _complete_link(facts, link, measured)
@@ -92,6 +105,38 @@ def _known(
         return dict(DEFAULT_VALUES), [], "measured"
     found = load_plant(source)
     return found.values(), [], found.name
+
+
+def _build_links(facts: dict[str, float], measured: Mapping[str, float], lumped: Mapping[str, float]) -> list[str]:
+    """Add masses, centres and inertias that have these base parameters; returns what was assumed."""
+    if own := [name for name in measured if name in (*CHOSEN_NUMBERS, "Ic1", "Ic2")]:
+        raise SwingupError(f"{own[0]} and base parameters say the same: give I2 and base parameters, or links")
+    if "l1" not in facts:
+        raise SwingupError("base parameters need l1: add l1=VALUE, in SI units")
+    l1, known = facts["l1"], dict[str, float]()
+    if {"m1", "m2", "r1", "r2", "I1"} <= facts.keys():  # of the source
+        known = {"shoulder": facts["I1"] + facts["m2"] * l1**2, "m2r2": facts["m2"] * facts["r2"]}
+        known["k"] = facts["m1"] * facts["r1"] + facts["m2"] * l1
+    known |= {"B": facts["I2"]} if "I2" in facts else {}
+    known |= lumped
+    if "coupling" in lumped:
+        known["m2r2"] = lumped["coupling"] / l1
+    if "A" in lumped and "B" in known:
+        known["shoulder"] = lumped["A"] - known["B"]
+    texts = {"k": "m1r1+m2l1", "m2r2": "m2r2", "shoulder": "I1+m2l1^2", "B": "I2"}
+    if missing := [text for name, text in texts.items() if name not in known]:
+        raise SwingupError(
+            f"base parameters need {', '.join(missing)} as well: add {missing[0]}=VALUE, in SI units"
+        )
+    notes = [] if "l2" in facts else [f"assumed: l2 = {l1:g} m, which only pictures and the tip's height show"]
+    facts.setdefault("l2", l1)
+    base = known | {"A": known["shoulder"] + known["B"]} | {name: facts[name] for name in DEFAULT_VALUES}
+    # Masses near those of the source; without one, the lightest that can be built.
+    start = dict.fromkeys((*CHOSEN_NUMBERS, "I2"), 1e-6) | dict.fromkeys(MOTORS, 0.0) | facts
+    numbers: dict[str, Any] = {name: start[name] for name in NAMES}
+    plant = representative(base, Plant(**numbers))
+    facts |= {name: float(getattr(plant, name)) for name in (*CHOSEN_NUMBERS, "I2")}
+    return [*notes, "m1, m2, r1, r2 and I1 are one choice of many that move alike"]
 
 
 def _refuse_both(measured: Mapping[str, float], *names: str) -> None:

@@ -169,9 +169,8 @@ def _links(source: Source, notes: list[str]) -> tuple[tuple[Link, Link], np.ndar
     spec, names = source.spec, [joint.name for joint in source.spec.joints]
     if len(names) != 2:
         shown = f" ({', '.join(map(quoted, names[:6]))})" if names else ""
-        raise SwingupError(
-            f"{len(names)} joints move{shown}, and a double pendulum has two: remove or fix the others"
-        )
+        remedy = "remove or fix the others" if len(names) > 2 else _joint_to_free(source)
+        raise SwingupError(f"{len(names)} joints move{shown}, and a double pendulum has two: {remedy}")
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -225,6 +224,22 @@ def _links(source: Source, notes: list[str]) -> tuple[tuple[Link, Link], np.ndar
             link.ends.extend(_ends(int(model.geom_type[geom]), model.geom_size[geom], *place))
     down = model.opt.gravity * has_physics(spec, "GRAVITY")
     return (links[0], links[1]), down if source.gravity is None else np.array([0.0, 0.0, -source.gravity])
+
+
+def _joint_to_free(source: Source) -> str:
+    """What makes the second joint of a model that lacks one."""
+    carriers = [joint.parent.name for joint in source.spec.joints] or [source.spec.worldbody.name]
+    welded = list[str]()
+    for body in source.spec.bodies[1:]:  # a body comes after the one that carries it
+        if body.parent.name in (*carriers, *welded) and not body.joints:
+            welded.append(body.name)
+    names = ", ".join(quoted(source.welds.get(name, name)) for name in welded[:6])
+    if not names:
+        return "add the link that hangs on it, with its joint"
+    kind = (
+        'the fixed joint of link 2, as type="continuous" with its <axis>' if source.welds else "link 2 by a <joint>"
+    )
+    return f"free {kind}; fixed to what moves are {names}"
 
 
 def _ends(kind: int, sizes: np.ndarray, place: np.ndarray, turn: np.ndarray) -> list[np.ndarray]:

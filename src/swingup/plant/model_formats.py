@@ -11,7 +11,7 @@ plant's, cf arctan(100 q̇), tends to cf π/2.
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, tostring
 
@@ -47,6 +47,7 @@ class Source:
     stated: Mapping[str, tuple[float, np.ndarray]] | None  # masses (kg) and inertias (3, 3) of bodies (kg m²);
     # None where MuJoCo knows them
     about: str | None = None  # what the file says that its inertias are about
+    welds: Mapping[str, str] = field(default_factory=dict)  # names of a URDF's fixed joints by their links
 
 
 def check_numbers(root: Element) -> None:
@@ -115,7 +116,9 @@ def urdf(root: Element, notes: list[str]) -> Source:
         each.armature = rotors.get(each.name, 0.0)
     gravity, about = number_of(own, "gravity", GRAVITY), None if own is None else own.get("inertia")
     limits = [efforts[joint.name] for joint in spec.joints]
-    return Source(spec, _one_gear(gears, notes), gravity, 1.0, limits, stated, about)
+    fixed = [(joint.find("child"), name) for name, joint in joints.items() if joint.get("type") == "fixed"]
+    welds = {child.get("link", ""): name for child, name in fixed if child is not None}
+    return Source(spec, _one_gear(gears, notes), gravity, 1.0, limits, stated, about, welds)
 
 
 def _weld(root: Element, frame: Element) -> None:
