@@ -97,8 +97,8 @@ def plant_command(
 def _upright_line(robot: str, need: Upright) -> str:
     low, high = need.poles
     return (
-        f"upright as {robot}: poles {low:.3g} and {high:.3g}/s; the motor catches a lean of at most {need.tilt:.2g} "
-        f"rad; rules of thumb: {need.rate:.0f} Hz or faster, delay, lag and half a period below "
+        f"upright as {robot}: poles {low:.3g} and {high:.3g}/s; the motor catches a lean of at most "
+        f"{need.tilt:.2g} rad; rules of thumb: {need.rate:.0f} Hz or faster, delay, lag and half a period below "
         f"{1e3 * need.dead_time:.2g} ms together, encoders of {need.counts} counts or more"
     )
 
