@@ -15,7 +15,7 @@ from swingup.learner.run_settings import make_run_settings
 def main(folder: Path, frames: int) -> None:
     """Train for half of the frames, then resume from the checkpoint for the rest."""
     narrow = {"centre_values": True, "policy_layers": (64, 64), "value_layers": (64, 64)}
-    settings = make_run_settings("pendubot", "default", narrow, evaluate_every=16_384, checkpoint_every=65_536)
+    settings = make_run_settings("pendubot", "pendulum", narrow, evaluate_every=16_384, checkpoint_every=65_536)
     show(start_run(settings, folder, frames // 2))
     show(resume_run(folder, frames))
 

@@ -28,7 +28,8 @@ ORDER = {name: place for place, beside in enumerate(itertools.chain(*LAYERS.valu
 ONE_PLACE = {
     "optax": {"areapo", "refine"}, "gymnasium": {"gym", "continuing", "learner"}, "PIL": {"drawing", "report"},
     "matplotlib": {"report"}, "onnx": {"export"}, "jinja2": {"report"}, "tensorboardX": {"learner"},
-    "scipy": {"controllers", "benchmark", "identification"}, "tyro": {"cli"}, "rich": {"cli"}, "yaml": {"common"},
+    "scipy": {"controllers", "benchmark", "identification"}, "tyro": {"cli"}, "rich": {"cli", "learner"},
+    "IPython": {"learner"}, "yaml": {"common"},
     "distributed": {"sweep"}, "optuna": {"sweep"}, "mujoco": {"plant"},
 }  # fmt: skip
 """Third-party packages that only these parts may import."""

@@ -127,7 +127,7 @@ def test_a_policy_file_of_dm_controls_acrobot_earns_in_mujoco_what_it_earns_in_t
     model = AREAPO(module.ID, num_envs=2, num_steps=4, batch_size=8, evaluation_episodes=1)
     model.export_policy(tmp_path / "policy.safetensors")
     found = module.judge(tmp_path / "policy.safetensors", 7)
-    assert model.settings.preset == "acrobot"
+    assert model.settings.preset == "dm-acrobot"
     random, task = np.random.default_rng([7, 1]), AcrobotSwingup()
     step, observe = jax.jit(task.step), jax.jit(task.observe)
     for expected in found:
@@ -186,7 +186,7 @@ def test_the_optimum_of_a_plant_is_held_and_scored(script):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("preset", ["mujoco", "ppo"])
+@pytest.mark.parametrize("preset", ["general", "ppo"])
 def test_constants_and_units_of_rewards_and_observations_do_not_matter(preset, script):
     """Pendulum-v1 itself pays about -1,200 before it is learned, and -150 at its best."""
     constants = script("constants")

@@ -56,7 +56,7 @@ def plot(kind, files, out):
 
 
 LEARNER = {"env": Noisy} | TINY
-SETTINGS = {"problem": make_problem("acrobot"), "preset": "default", "seed": 0, "seeds": 1, "evaluate_every": 64}
+SETTINGS = {"problem": make_problem("acrobot"), "preset": "pendulum", "seed": 0, "seeds": 1, "evaluate_every": 64}
 ENTRIES = {
     usually(AREAPO, **LEARNER): {
         "preset": ["best"], "learning_rat": [0.1], "sed": [1], "batch_size": [1000], "seed": [-1, "3"],

@@ -177,7 +177,7 @@ WHOLE = dataclasses.replace(
     estimator=EstimatorSettings(), identifier=IdentifierSettings(),
 )  # fmt: skip
 POLICIES = [written(write_pendulum_policy, each, {}) for each in (WHOLE, policy_of(small_policy()))]
-CONFIG = {"version": "0.1.0", "frames": 10_000} | make_run_settings("acrobot", "default").as_dict()
+CONFIG = {"version": "0.1.0", "frames": 10_000} | make_run_settings("acrobot", "pendulum").as_dict()
 ROW = {"seed": 0, "frames": 1024, "reward": 0.5, "score": 0.1, "best_score": 0.2, "entropy": -1.5, "seconds": 2.0}
 ROBUSTNESS = {
     "robot": "acrobot", "controller": "x", "board": "robustness", "seed": 0, "seeds": [0, 1], "score": 0.5,

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from .identification.identify import Identification as Identification
     from .identification.identify import identify as identify
     from .learner.agent import AREAPO as AREAPO
+    from .learner.play import evaluate_policy as evaluate_policy
+    from .learner.play import play as play
     from .plant.files import load_plant as load_plant
     from .plant.files import save_plant as save_plant
     from .plant.measured import measured_plant as measured_plant
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
     from .refine.recipe import run_recipe as run_recipe
     from .rehearsal.rehearse import Rehearsal as Rehearsal
     from .rehearsal.rehearse import rehearse as rehearse
+    from .report.watch import watch as watch
     from .sweep.search import search as search
 
 _HOMES = {
@@ -67,7 +70,10 @@ _HOMES = {
     "run_recipe": "refine.recipe",
     "save_plant": "plant.files",
     "score": "benchmark.judge",
+    "evaluate_policy": "learner.play",
+    "play": "learner.play",
     "search": "sweep.search",
+    "watch": "report.watch",
 }
 
 __all__ = ["SwingupError", "__version__", *_HOMES]

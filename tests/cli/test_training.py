@@ -33,16 +33,16 @@ def test_train_and_resume(run, capsys):
     output = capsys.readouterr()
     assert "Score" in output.out
     assert "frames: 320 of 300, 0 s left  best 0.000  score 0.000  reward -" in output.err
-    run("train acrobot --resume runs/acrobot-default-5 --frames 500")
-    rows = read_metrics("runs/acrobot-default-5/metrics.jsonl")
+    run("train acrobot --resume runs/acrobot-pendulum-5 --frames 500")
+    rows = read_metrics("runs/acrobot-pendulum-5/metrics.jsonl")
     assert [row["frames"] for row in rows] == [128, 256, 320, 384, 512]
-    config = json.loads(Path("runs/acrobot-default-5/config.json").read_text())["config"]
+    config = json.loads(Path("runs/acrobot-pendulum-5/config.json").read_text())["config"]
     assert (config["policy_layers"], config["value_layers"], config["temperature"]) == ([8, 8], [8, 8], 2.0)
     for words, message in (
         ("pendubot", "robot = acrobot, not pendubot"), ("--clip-range 0.3", "clip_range = 0.05, not 0.3"),
         ("--plant B.0", "plant = leaderboard, not B.0"),
     ):  # fmt: skip
-        assert main(f"train {words} --resume runs/acrobot-default-5".split()) == 2
+        assert main(f"train {words} --resume runs/acrobot-pendulum-5".split()) == 2
         assert message in capsys.readouterr().err
 
 

@@ -2,6 +2,7 @@
 
 import doctest
 import functools
+import types
 
 import equinox as eqx
 import gymnasium
@@ -127,6 +128,20 @@ def test_predict_and_the_policy_file(noisy, tmp_path):
         assert "p.safetensors" in refusal(load_any_policy, tmp_path / "p.safetensors")
 
 
+@pytest.mark.parametrize("notebook", [False, True])
+def test_a_progress_bar_is_a_terminals_or_a_notebooks(noisy, monkeypatch, capfd, notebook):
+    shown = []
+    handle = types.SimpleNamespace(update=lambda content: shown.append(content.data))
+    monkeypatch.setattr("rich.console._is_jupyter", lambda: notebook)
+    monkeypatch.setattr("IPython.display.display", lambda content, display_id: handle)
+    noisy.learn(total_timesteps=128, callback=None, progress_bar=True)
+    assert [line.partition("max=128></progress> ")[0] for line in shown] == (
+        ["<progress value=64 ", "<progress value=128 "] if notebook else []
+    )
+    output, errors = capfd.readouterr()
+    assert (output, f"{noisy.frames:,} frames" in errors) == ("", not notebook)
+
+
 def test_callbacks_see_reports_and_may_stop():
     frames = []
     model = AREAPO(Noisy, **TINY)
@@ -199,8 +214,27 @@ def test_loading_a_folder_writes_nothing_and_needs_no_lock(tmp_path):
     AREAPO(Stairs, folder=tmp_path / "r", **TINY).learn(64)
     before = {path: path.stat().st_mtime_ns for path in sorted((tmp_path / "r").rglob("*"))}
     with RunFolder(tmp_path / "r").exclusive():
-        AREAPO.load(tmp_path / "r", env=Stairs).predict([0.0])
+        for which, frames in (("last", 128), ("best", 64)):
+            assert AREAPO.load(tmp_path / "r", Stairs, which).learn(64).frames == frames
     assert {path: path.stat().st_mtime_ns for path in sorted((tmp_path / "r").rglob("*"))} == before
+
+
+def test_a_policy_file_begins_a_new_learner(tmp_path):
+    model = AREAPO(Noisy, seed=3, **TINY).learn(64)
+    model.export_policy(tmp_path / "p.safetensors")
+    other = AREAPO.load(tmp_path / "p.safetensors", Noisy)
+    assert (other.frames, other.config, other.settings.seed) == (0, model.config, 3)
+    seen = np.random.default_rng(0).normal(size=(50, 2, 1))
+    np.testing.assert_array_equal(other.predict(seen)[0], model.predict(seen)[0])
+    # Statistics of as many rows: the normalisation goes on from where it was.
+    assert float(other._run.progress.state.statistics.count) == 64
+    assert other.learn(64).frames == 64
+    path = tmp_path / "p.safetensors"
+    assert "unknown policy to load 'worst'" in refusal(AREAPO.load, path, Noisy, "worst")
+    assert "pass it again as env" in refusal(AREAPO.load, path)
+    assert "with actions multi_discrete" in refusal(AREAPO.load, path, Stairs)
+    change_file(path, {"hyperparameters": {**load_any_policy(path)[1]["hyperparameters"], "policy_layers": [9]}})
+    assert "another form than these hyperparameters" in refusal(AREAPO.load, path, Noisy)
 
 
 def test_actions_have_the_bounds_of_the_space_and_no_others(tmp_path):
@@ -251,12 +285,11 @@ def test_a_pendulum_task_takes_the_preset_that_is_named():
     assert model.config.learning_rate == 1e-3
 
 
-@pytest.mark.parametrize("preset", ["mujoco", *(pytest.param(p, marks=pytest.mark.slow) for p in ("paper", "ppo"))])
+@pytest.mark.parametrize("preset", ["general", pytest.param("ppo", marks=pytest.mark.slow)])
 def test_the_family_trains_on_a_gymnasium_id(preset):
     row = []
     model = AREAPO("CartPole-v1", preset, **TINY)
-    # The pendulum's, and a size for this task.
-    assert model.config.learning_rate == (5e-4 if preset == "paper" else 3e-4)
+    assert model.config.learning_rate == 3e-4
     model.learn(64, lambda _, report: row.extend(each.as_dict() for each in report.rows))
     assert row[0]["gradient_norm"] > 0.0
     # Without average reward there is no gain; without temperature no entropy reward.
@@ -294,6 +327,6 @@ def test_evaluation_elsewhere(monkeypatch):
 
 def test_a_robot_by_name():
     model = AREAPO("pendubot", **{**TINY, "evaluation_episodes": 1})
-    assert (model.settings.preset, model.settings.problem.name) == ("default", "pendubot")
+    assert (model.settings.preset, model.settings.problem.name) == ("pendulum", "pendubot")
     assert model.predict(np.zeros(4))[0].shape == (1,)
     assert 0.0 <= model.evaluate()["score"] < 0.1

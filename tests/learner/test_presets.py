@@ -2,6 +2,7 @@
 
 import pytest
 
+from refusals import refusal
 from swingup.learner.problem import make_problem
 from swingup.learner.run import start_run
 from swingup.learner.run_settings import make_run_settings
@@ -9,8 +10,14 @@ from swingup.plant.files import load_plant
 
 
 def test_a_run_chooses_by_the_task():
-    chosen = {"acrobot": "default", "Pendulum-v1": "mujoco", "swingup/AcrobotSwingup-v0": "acrobot"}
+    chosen = {"acrobot": "pendulum", "Pendulum-v1": "general", "swingup/AcrobotSwingup-v0": "dm-acrobot"}
     assert {env: make_problem(env).choose_preset(None) for env in chosen} == chosen
+    for env, preset, only in (
+        ("acrobot", "dm-acrobot", "dm_control's acrobot"), ("CartPole-v1", "small", "pendulums"),
+        ("swingup/AcrobotSwingup-v0", "pendulum", "pendulums"),
+    ):  # fmt: skip
+        message = f"preset '{preset}' is for {only}, not for {env}: use one of "
+        assert message in refusal(make_problem(env).choose_preset, preset)
 
 
 @pytest.mark.slow
@@ -20,7 +27,7 @@ def test_the_default_preset_learns_to_swing_up(tmp_path):
     This seed scored 0.59 after 5.2 million.
     """
     narrow = {"policy_layers": (64, 64), "value_layers": (128, 128)}
-    settings = make_run_settings("pendubot", "default", narrow, seed=1)
+    settings = make_run_settings("pendubot", "pendulum", narrow, seed=1)
     run = start_run(settings, tmp_path / "run", 7_000_000)
     rewards = [report.best.reward for report in run.advance()]
     # Hanging costs 0.4935 a step; the swing-ups of the optimal-control baselines score 0.35 to 0.54.

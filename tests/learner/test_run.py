@@ -29,13 +29,13 @@ from .corridors import Corridor
 from .environments import Noisy
 
 CONFIG = dataclasses.replace(
-    get_preset("default").config,
+    get_preset("pendulum").config,
     num_envs=4, num_steps=16, num_epochs=1, batch_size=64, policy_layers=(8, 8), value_layers=(8, 8),
 )  # fmt: skip
 """That of the commands' tests, too, which so find their programs compiled."""
 FRAMES = 64
 """Frames of one iteration."""
-SETTINGS = RunSettings(make_problem("acrobot"), "default", 0, 1, 2 * FRAMES, 4 * FRAMES, CONFIG)
+SETTINGS = RunSettings(make_problem("acrobot"), "pendulum", 0, 1, 2 * FRAMES, 4 * FRAMES, CONFIG)
 
 
 @contextlib.contextmanager
@@ -118,7 +118,7 @@ def test_a_run_leaves_its_files_and_policies_say_where_they_come_from(finished):
     assert (content["robot"], content["frames"], content["config"]["policy_layers"]) == ("acrobot", 640, [8, 8])
     assert list((folder / "tensorboard" / "seed-0").iterdir())
     _, metadata = lone_policy(folder / "last.safetensors", "acrobot")
-    start = "swingup train acrobot --preset=default --frames=640 --seed=0 --num-envs=4"
+    start = "swingup train acrobot --preset=pendulum --frames=640 --seed=0 --num-envs=4"
     assert metadata["command"].startswith(start)
     assert (metadata["frames"], metadata["hyperparameters"]["num_envs"]) == (640, 4)
     assert 0.0 <= metadata["scores"]["v2"]["score"] <= training.best_score
@@ -269,7 +269,7 @@ def test_settings_keep_their_plant():
     assert again == settings
     assert again.problem.plant.name == "B.0, frictionless"
     assert "--plant=B.0 --frictionless" in again.command(64)
-    task = again.problem.preset_task("default")
+    task = again.problem.preset_task("pendulum")
     assert task.parameters == plant.driven("acrobot")
     assert task.dt == pytest.approx(0.01 * 1.08687, abs=1e-7)
     assert run_settings_from_dict(SETTINGS.as_dict()).problem.plant == LEADERBOARD
@@ -296,7 +296,7 @@ OPTIONS = {
 def test_options_of_networks_rewards_and_schedules_resume(tmp_path, option, env):
     """Environments that the host steps start anew at each checkpoint, also where nobody stopped."""
     config = dataclasses.replace(SMALLER, **OPTIONS[option])
-    settings = RunSettings(make_problem(env), "mujoco", 3, 1, 64, 128, config, 2)
+    settings = RunSettings(make_problem(env), "general", 3, 1, 64, 128, config, 2)
     list(start_run(settings, tmp_path / "whole", 8 * FEW).advance())
     run = resumed_after(6 * FEW, tmp_path / "part", 8 * FEW, settings, env)  # past the checkpoint at 4
     assert run.frames == 4 * FEW

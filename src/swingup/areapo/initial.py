@@ -18,7 +18,7 @@ from .statistics import MIN_RELATIVE_DEVIATION, mean, running_statistics
 
 COSTLY_SHARE = 0.05
 """Noise is too expensive if squared actions explain this share of the rewards' variance. With the initial deviation
-of `mujoco` the share is 0.12 to 1 on the ants, Reacher and Pusher, at most 0.006 on six other tasks."""
+of `general` the share is 0.12 to 1 on the ants, Reacher and Pusher, at most 0.006 on six other tasks."""
 WHOLE_SHARE = 0.999  # Where they explain more, nothing but the price of actions was seen
 REDUCED_SHARE = 0.15  # Share of the initial deviation that remains where noise is too expensive
 

@@ -16,6 +16,7 @@ from .exporting import export_command, plot_command, rehearse_command
 from .judging import evaluate_command, leaderboard_command, score_command
 from .output import PROGRAM
 from .pendulums import compare_command, diagnose_command, excite_command, identify_command, plant_command
+from .playing import watch_command
 from .refining import refine_command
 from .sweeping import sweep_command
 from .training import train_command
@@ -34,7 +35,7 @@ Judge controllers: evaluate, leaderboard, score.
 
 Make them: train, sweep, refine. Their pendulums: plant, excite, identify, diagnose.
 
-Show and share them: compare, plot, export, rehearse."""
+Show and share them: compare, plot, watch, export, rehearse."""
 
 COMMANDS: dict[str, Command] = {
     "demo": demo_command,
@@ -50,6 +51,7 @@ COMMANDS: dict[str, Command] = {
     "diagnose": diagnose_command,
     "compare": compare_command,
     "plot": plot_command,
+    "watch": watch_command,
     "export": export_command,
     "rehearse": rehearse_command,
 }

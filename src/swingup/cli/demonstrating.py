@@ -12,7 +12,7 @@ from ..common.files import write_atomically
 from ..controllers.stack.policy import policy_alone
 from ..learner.progress import TrainingReport
 from ..learner.run import Run
-from ..learner.run_folder import BEST
+from ..learner.run_folder import BEST, FIRST
 from ..plant.plant import ROBOTS, Robot
 from ..policy.shipped import load_policy
 from ..report.page import page_template, render_page, trained_section
@@ -21,8 +21,6 @@ from .output import Progress, program_typed, tell
 from .results import comparison_lines
 from .training import start_training, train_shown
 
-FIRST_POLICY = "first.safetensors"
-"""The policy of the first report, which shows on the page what training changed."""
 TRAINED_NAME, FIRST_NAME = "your policy", "your policy at first"
 
 
@@ -51,10 +49,8 @@ def demo_command(
     passed: float | None = None
 
     def note(report: TrainingReport) -> str:
-        """The paper's score, and the time at which the run passed it; the first report's policy is kept."""
+        """The paper's score, and the time at which the run passed it."""
         nonlocal passed
-        if not (folder / FIRST_POLICY).exists():
-            run.save_policy(folder / FIRST_POLICY, 0, run.policies()[0], report.rows[0].evaluation)
         if passed is None and (report.best_score or 0.0) >= paper:
             passed = time.monotonic() - start
         return f"paper's {paper:.3f}" + ("" if passed is None else f" at {passed:.0f} s")
@@ -76,7 +72,7 @@ def _new_folder(robot: Robot, out: str | None) -> Path:
 def _show_result(robot: Robot, run: Run, passed: float | None, start: float) -> int:
     """Score the best policy, write the page, and name commands to go on with."""
     policy, page = run.folder / BEST, run.folder / "page.html"
-    files = {TRAINED_NAME: policy, FIRST_NAME: run.folder / FIRST_POLICY}
+    files = {TRAINED_NAME: policy, FIRST_NAME: run.folder / FIRST}
     policies = {name: policy_alone(load_policy(file, robot)) for name, file in files.items()}
     with Progress() as progress:
         section = trained_section(robot, policies, progress)

@@ -36,6 +36,7 @@ from .arguments import (
     value_of,
 )
 from .output import Progress, foreign_prints_apart, tell, tell_json
+from .playing import EpisodeOptions, play_episodes
 from .results import TABLE_FORMATS, judged_name, result_lines, show_tables
 
 EVERY_ROBOT = tuple(ROBOTS.values())
@@ -68,9 +69,10 @@ class EstimatorOptions(TypedDict, total=False):
 
 
 def evaluate_command(
-    robot: RobotName,
+    robot: RobotName | None = None,
     /,
     controller: ControllerName = DEFAULT,
+    task: EpisodeOptions = NO_OPTIONS,
     board: Names = ("performance",),
     check: bool = False,
     estimator: EstimatorOptions = NO_OPTIONS,
@@ -87,8 +89,9 @@ def evaluate_command(
     """Judge a controller on one board or several: simulate its runs and score them.
 
     Args:
-        robot: acrobot or pendubot.
+        robot: acrobot or pendubot; without it the policy of another task plays episodes.
         controller: the controller.
+        task: episodes in an environment of Gymnasium.
         board: performance (one swing-up; hardware and hardware-perturbed have the real robot's normalisers),
             robustness (722 simulations), uptime (a minute with 15 throws), sim2real (100 swing-ups in a loop
             like the robot's), iros-real, v2-real and icra-real (the real robots' boards, simulated) or
@@ -109,6 +112,13 @@ def evaluate_command(
         save: also write the first run's trajectory to this CSV file.
         disturbance: disturbances of a swing-up on performance and hardware; the boards' runs have none.
     """
+    if robot is None:
+        others = {"check": check, "plant": plant, "domain": domain, "save": save, "estimator": estimator}
+        others |= {"grid": grid, "criteria": criteria, "disturbances": disturbance, "seeds": seeds}
+        others["board"] = board != ("performance",)
+        return play_episodes(controller, task, seed, json, [name for name, value in others.items() if value])
+    if task:
+        raise SwingupError(f"--{next(iter(task))} goes with other tasks: leave it out, or {robot.name}")
     wanted = estimator.get("estimator")
     if check:
         return _check(controller, robot, wanted, facts_of(plant) or LEADERBOARD)

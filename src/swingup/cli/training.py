@@ -99,7 +99,8 @@ def train_command(
 ) -> int:
     """Train a policy, show the progress, and end with the score of the best one.
 
-    The folder holds config.json, metrics.jsonl, tensorboard/, checkpoints/, best.safetensors and last.safetensors.
+    The folder holds config.json, metrics.jsonl, tensorboard/, checkpoints/, and the policies first.safetensors
+    (untrained), best.safetensors and last.safetensors.
 
     Args:
         robot: acrobot or pendubot.
@@ -111,7 +112,7 @@ def train_command(
         resume: folder of a run to continue from its last checkpoint, bit for bit.
         run: what is trained, and how often it is evaluated.
         plant: the pendulum to train on, in whose units the task is.
-        hyperparameters: those that are left out are the preset's. In brackets: the value in the preset default,
+        hyperparameters: those that are left out are the preset's. In brackets: the value in the preset pendulum,
             then in presets that differ.
     """
     given: dict[str, Any] = {"seed": seed, "seeds": seeds, "plant": facts_of(plant), **run}

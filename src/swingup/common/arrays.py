@@ -115,6 +115,15 @@ def load_arrays(
         raise SwingupError(f"{path} is not a {kind} file, or it is truncated: copy or make it anew") from error
 
 
+def read_format(path: str | Path) -> str | None:
+    """The ``format`` that a file names; None where it is not one of these files, or cannot be read."""
+    try:
+        with Path(path).open("rb") as stream:
+            return str(json.loads(_read_header(stream)["__metadata__"][METADATA])["format"])
+    except (OSError, *_MALFORMED):
+        return None
+
+
 def _read_header(stream: BinaryIO) -> dict[str, Any]:
     """The header's JSON object; the stream then stands at the first array."""
     length = int.from_bytes(stream.read(8), "little")

@@ -26,13 +26,21 @@ OTHER_NAMES = {
     "clip_eps": "clip_range",
     "net_arch": "policy_layers and value_layers",
     "policy_kwargs": "policy_layers and value_layers",
-    "total_timesteps": "frames, an argument of learn",
+    "n_eval_episodes": "evaluation_episodes",
+    "total_timesteps": "an argument of learn, and --frames on the command line",
 }
 """Names that Stable-Baselines3, CleanRL and rejax give to hyperparameters, and ours.
 
 A name is not taken for ours, since most of them mean something slightly different: an error says what to write, and
 ``docs/coming-from.md`` what differs.
 """
+ADVICE = {
+    "policy": "The networks are those of policy_layers and value_layers",
+    "verbose": "progress_bar=True, or a callback that prints, is an argument of learn",
+    "device": "JAX takes a GPU where it is installed for one; JAX_PLATFORMS=cpu keeps it on the CPU",
+    "tensorboard_log": "folder='runs/mine' gets TensorBoard's events, metrics and policies",
+}
+"""What to do in place of other arguments of Stable-Baselines3's."""
 
 
 def is_number(value: Any) -> bool:
@@ -99,5 +107,7 @@ def suggestion(value: Any, choices: Iterable[str]) -> str:
 
 def swingup_name(name: object) -> str:
     """The end of a message about an unknown name: our name for it; empty if we have none."""
+    if isinstance(name, str) and name in ADVICE:
+        return f", which is left out here. {ADVICE[name]}"
     ours = OTHER_NAMES.get(name) if isinstance(name, str) else None
     return f": here it is {ours}" if ours else ""

@@ -1,5 +1,6 @@
 """``swingup.AREAPO``: the learner for your own tasks."""
 
+import contextlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -8,16 +9,21 @@ import numpy as np
 
 from ..areapo.checkpoint import save_checkpoint
 from ..areapo.config import Config
-from ..common.checks import whole_number
+from ..common.arrays import read_format
+from ..common.checks import ADVICE, one_of, whole_number
 from ..common.errors import SwingupError, quoted
 from ..plant.plant import PlantLike
+from ..policy.file import FORMAT
 from ..policy.policy import Policy
+from . import bar as bars
 from .presets import get_preset
 from .problem import make_problem
 from .progress import TrainingReport
-from .run import Run, restore_run, resume_run, start_run
+from .run import Run, restore_run, start_from_policy, start_run
+from .run_folder import BEST
 from .run_settings import RunSettings, make_run_settings
 
+POLICIES = ("MlpPolicy", "CnnPolicy", "MultiInputPolicy")  # Stable-Baselines3's, its first argument
 Callback = Callable[["AREAPO", TrainingReport], Any]  # Called after each chunk; returning False ends learn
 
 
@@ -54,9 +60,9 @@ class AREAPO:
                 ``gymnasium.vector.VectorEnv``, a task in JAX (:class:`swingup.tasks.task.AbstractTask`), an
                 environment with gymnax's methods or a pair of one and its parameters, an environment of
                 jax-envelope, or ``acrobot`` or ``pendubot``.
-            preset: named settings, see :data:`swingup.learner.presets.PRESETS`. The default is ``default`` for the
-                robots, ``acrobot`` for dm_control's acrobot and ``mujoco`` for anything else; a pendulum task
-                that is passed in needs a name.
+            preset: named settings, see :data:`swingup.learner.presets.PRESETS`. The default is ``pendulum`` for
+                the robots, ``dm-acrobot`` for dm_control's acrobot and ``general`` for anything else; a pendulum
+                task that is passed in needs a name.
             seed: from which all randomness follows.
             seeds: how many seeds to train, ``seed`` and those after it; default: the preset's number. The learner
                 then acts by the seed with the best score so far.
@@ -76,6 +82,8 @@ class AREAPO:
         Raises:
             SwingupError: an argument cannot work, or the environment's spaces are not supported.
         """
+        if isinstance(env, str) and env in POLICIES:
+            raise SwingupError(f"env = {env!r} is a policy's name: pass the environment first. {ADVICE['policy']}")
         settings = make_run_settings(
             env,
             preset,
@@ -90,17 +98,23 @@ class AREAPO:
         self._use(start_run(settings, folder, get_preset(settings.preset).frames))
 
     @classmethod
-    def load(cls, path: str | Path, env: Any = None) -> "AREAPO":
-        """Load a learner that ``save`` wrote, or the last checkpoint in a run's folder.
+    def load(cls, path: str | Path, env: Any = None, which: str = "last") -> "AREAPO":
+        """Load a learner, which writes no files.
 
-        An environment that was passed in as an object is passed in again; others are made from their names.
+        Args:
+            path: a file that ``save`` wrote, or a run's folder, in which nothing is changed: the learner goes on
+                bit for bit. A policy file gives a new learner with its actor, normalisation and hyperparameters,
+                whose critic and gain begin anew.
+            env: the environment, where one was passed in as an object; others are made from their names.
+            which: in a folder, the ``last`` checkpoint, or the ``best`` policy.
 
         Raises:
             SwingupError: the file cannot be read, the environment is needed and was not given, or its actions have
                 other bounds than those of training.
         """
-        model = cls.__new__(cls)
-        model._use(resume_run(path, env=env) if Path(path).is_dir() else restore_run(path, env))
+        one_of("policy to load", which, ("last", "best"))
+        model, file = cls.__new__(cls), Path(path) / BEST if which == "best" and Path(path).is_dir() else path
+        model._use((start_from_policy if read_format(file) == FORMAT else restore_run)(file, env))
         return model
 
     def _use(self, run: Run) -> None:
@@ -123,34 +137,44 @@ class AREAPO:
         """Frames learned from so far."""
         return self._run.frames
 
-    def learn(self, frames: int, callback: Callback | Sequence[Callback] = ()) -> "AREAPO":
+    def learn(
+        self,
+        total_timesteps: int,
+        callback: Callback | Sequence[Callback] | None = None,
+        progress_bar: bool = False,
+    ) -> "AREAPO":
         """Learn from more frames (rounded up to whole iterations), and return the learner itself.
 
         A second call continues. Each call starts by resetting the environments that the host steps. After an
         error the learner is as after the last whole chunk.
 
         Args:
-            frames: number of frames of each seed.
+            total_timesteps: number of frames of each seed, of all environments together.
             callback: one or several functions of the learner and a :class:`.TrainingReport`, for each chunk.
+            progress_bar: whether to show a bar, a notebook's in a notebook, with the last report.
 
         Raises:
             SwingupError: training diverged, an environment failed, a file cannot be written, or a callback is not
                 a function.
         """
-        callbacks = list(callback) if isinstance(callback, Sequence) else [callback]
+        callbacks = list(callback) if isinstance(callback, Sequence) else [callback] if callback else []
         for each in callbacks:
             if not callable(each):
                 raise SwingupError(f"callback = {quoted(each)}: pass a function of the learner and a report")
-        self._run.extend(frames)
-        for report in self._run.advance():
-            # All are called, even after one returned False.
-            answers = [each(self, report) for each in callbacks]
-            # NumPy's and JAX's comparisons give arrays.
-            truths = [
-                each for each in answers if isinstance(each, bool) or getattr(each, "dtype", None) == np.bool_
-            ]
-            if not all(np.all(each) for each in truths):
-                self._run.stop()
+        self._run.extend(total_timesteps)
+        bar = bars.progress_bar(self._run.goal, self.frames) if progress_bar else contextlib.nullcontext()
+        with bar as show:
+            for report in self._run.advance():
+                if show is not None:
+                    show(report.frames, str(report))
+                # All are called, even after one returned False.
+                answers = [each(self, report) for each in callbacks]
+                # NumPy's and JAX's comparisons give arrays.
+                truths = [
+                    each for each in answers if isinstance(each, bool) or getattr(each, "dtype", None) == np.bool_
+                ]
+                if not all(np.all(each) for each in truths):
+                    self._run.stop()
         return self
 
     def predict(

@@ -139,11 +139,16 @@ def check_actions(trained: Any, found: Space) -> None:
 
     ``trained`` is what a file describes them by.
     """
-    if trained != found.describe():
+    if _meaning(trained) != _meaning(found.describe()):
         raise SwingupError(
             f"the policy was trained with actions {shown(trained)}, the environment has {shown(found.describe())}: "
             "pass one with the same bounds, such as gymnasium.wrappers.RescaleAction gives"
         )
+
+
+def _meaning(space: Any) -> Any:
+    """What an action means, whatever its type."""
+    return {**space, "dtype": None} if isinstance(space, Mapping) else space
 
 
 def shown(space: Any) -> str:

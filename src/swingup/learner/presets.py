@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from ..areapo.config import Config
 from ..common.checks import one_of
 
+PENDULUM, DM_ACROBOT, ENVIRONMENT = "pendulums", "dm_control's acrobot", "environments"
+"""Kinds of tasks."""
+
 
 @dataclass(frozen=True)
 class Preset:
@@ -20,18 +23,21 @@ class Preset:
     """The pendulum's variant, a name of :data:`swingup.tasks.presets.TASKS`."""
     seeds: int = 1
     """Default number of seeds side by side; a command keeps the best policy of all."""
+    only: str | None = None
+    """The only kind of task that it is for; None for any."""
 
 
 PRESETS = {
-    "default": Preset(
+    "pendulum": Preset(
         "Table I on the task without its edges (sines and cosines), with the values' free constant fixed, and "
         "smaller steps in the second half",
         Config(centre_values=True, gain="td", schedule="anneal", schedule_frames=12_000_000),
+        only=PENDULUM,
     ),
     # 50 million as in the authors' configuration; the published policies were saved at 46.7 and 48.2 million.
     "paper": Preset(
         "Table I of the paper, with the gains of its authors' code, on the paper's task",
-        Config(), 50_000_000, "paper",
+        Config(), 50_000_000, "paper", only=PENDULUM,
     ),
     "global": Preset(
         "recovery from throws: reward for time up, networks of half the width, less entropy",
@@ -41,6 +47,7 @@ PRESETS = {
         ),
         6_000_000,
         "global",
+        only=PENDULUM,
     ),
     "small": Preset(
         "networks of 64-64 for any plant: quadratic cost, starts anywhere, short rollouts, little entropy",
@@ -50,6 +57,7 @@ PRESETS = {
         ),
         6_000_000,
         "anywhere",
+        only=PENDULUM,
     ),
     "fast": Preset(
         "the paper's score in about half a minute: networks of 64-64, short episodes, warm restarts, two seeds",
@@ -62,8 +70,9 @@ PRESETS = {
         24_000_000,
         "short",
         seeds=2,
+        only=PENDULUM,
     ),
-    "acrobot": Preset(
+    "dm-acrobot": Preset(
         "dm_control's acrobot, from starts of its own, in actions of 20 ms: networks of 64-64, discounted rewards",
         Config(
             num_epochs=6, batch_size=512, policy_layers=(64, 64), value_layers=(64, 64), temperature=0.015,
@@ -72,6 +81,7 @@ PRESETS = {
             schedule="anneal", schedule_frames=100_000_000,
         ),
         100_000_000,
+        only=DM_ACROBOT,
     ),
     "ppo": Preset(
         "discounted rewards, no entropy (PPO, arXiv 1707.06347), with the sizes that Stable-Baselines3 gives it",
@@ -84,8 +94,8 @@ PRESETS = {
         ),
         1_000_000,
     ),
-    "mujoco": Preset(
-        "AR-EAPO for continuing control, and for Gymnasium's other tasks: sizes for a million frames",
+    "general": Preset(
+        "AR-EAPO for any task, continuing or with episodes: sizes for a million frames",
         Config(
             # Minibatches that divide the rollout of a single environment, too.
             num_envs=8, num_steps=250, num_epochs=10, batch_size=50, policy_layers=(64, 64), value_layers=(64, 64),
@@ -102,11 +112,11 @@ PRESETS = {
     ),
 }  # fmt: skip
 
-PENDULUM_PRESET = "default"
+PENDULUM_PRESET = "pendulum"
 """The default of the robots."""
-ACROBOT_PRESET = "acrobot"
+ACROBOT_PRESET = "dm-acrobot"
 """The default of dm_control's acrobot."""
-ENV_PRESET = "mujoco"
+ENV_PRESET = "general"
 """The default of every other task."""
 
 

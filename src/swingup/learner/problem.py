@@ -17,7 +17,7 @@ from ..loop.resolve import resolve
 from ..plant.files import SHIPPED_PLANTS, is_plant_name, load_plant
 from ..plant.plant import FRICTIONLESS_SUFFIX, LEADERBOARD, ROBOTS, Plant, PlantLike, get_robot, make_plant
 from ..tasks.acrobot_swingup import IDS as ACROBOT_IDS
-from ..tasks.acrobot_swingup import acrobot_practice
+from ..tasks.acrobot_swingup import AcrobotSwingup, acrobot_practice
 from ..tasks.adapters import AbstractAdaptedTask, as_task
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.presets import get_task
@@ -25,7 +25,16 @@ from ..tasks.task import AbstractTask
 from .backend import EPISODES, AbstractBackend, check_actions, check_spaces
 from .compiled_backend import CompiledBackend, ReturnEvaluator, SwingUpEvaluator
 from .metrics import Evaluation
-from .presets import ACROBOT_PRESET, ENV_PRESET, PENDULUM_PRESET, PRESETS, get_preset
+from .presets import (
+    ACROBOT_PRESET,
+    DM_ACROBOT,
+    ENV_PRESET,
+    ENVIRONMENT,
+    PENDULUM,
+    PENDULUM_PRESET,
+    PRESETS,
+    get_preset,
+)
 
 CONTINUING = "swingup/Continuing"  # Beginning of the ids of continuing tasks (:mod:`swingup.continuing`)
 
@@ -45,7 +54,7 @@ INTERVALS = {
     "robot": Intervals(checkpoint_every=1_048_576, evaluation_episodes=1),
     # A stream of 2,000 steps for every 10,000.
     "continuing task": Intervals(10_000, 1_000_000, 1),
-    "dm_control's acrobot": Intervals(1_048_576, 4_194_304, 128),
+    DM_ACROBOT: Intervals(1_048_576, 4_194_304, 128),
 }
 """The default intervals by what is trained on."""
 
@@ -54,6 +63,11 @@ class AbstractProblem(abc.ABC):
     """A problem with its defaults, its names, its back end and its evaluation."""
 
     name: str  # The robot, the id of an environment, or a description of an object that was passed in
+
+    @property
+    @abc.abstractmethod
+    def kind(self) -> str:
+        """The kind of task, for which a preset may be alone."""
 
     @property
     @abc.abstractmethod
@@ -111,10 +125,12 @@ class AbstractProblem(abc.ABC):
 
     def choose_preset(self, named: str | None) -> str:
         """The named preset, or else the default; no other code decides this."""
-        if named is None and self.preset is None:
-            fitting = ", ".join(repr(name) for name in PRESETS if name != ENV_PRESET)
+        chosen = self.preset if named is None else named
+        fitting = ", ".join(name for name, preset in PRESETS.items() if preset.only in (None, self.kind))
+        if chosen is None:
             raise SwingupError(f"no preset was named for {self.name}: pass preset=, one of {fitting}")
-        get_preset(chosen := named or str(self.preset))
+        if (only := get_preset(chosen).only) not in (None, self.kind):
+            raise SwingupError(f"preset {chosen!r} is for {only}, not for {self.name}: use one of {fitting}")
         return chosen
 
 
@@ -127,7 +143,7 @@ class RobotProblem(AbstractProblem):
     task: AbstractPendulumTask | None = field(default=None, compare=False, repr=False)
     """A task in place of the preset's."""
 
-    preset = PENDULUM_PRESET
+    kind, preset = PENDULUM, PENDULUM_PRESET
     intervals = INTERVALS["robot"]
     continuing = False
     num_envs = None
@@ -215,6 +231,13 @@ class TaskProblem(AbstractEnvironmentProblem):
     arguments = "env"
 
     @property
+    def kind(self) -> str:
+        """By the class of the task."""
+        if isinstance(self.task, AcrobotSwingup):
+            return DM_ACROBOT
+        return PENDULUM if isinstance(self.task, AbstractPendulumTask) else ENVIRONMENT
+
+    @property
     def preset(self) -> str | None:
         """The preset of environments; a pendulum's task has none, since its numbers suit several presets."""
         return None if isinstance(self.task, AbstractPendulumTask) else ENV_PRESET
@@ -252,16 +275,21 @@ class HostProblem(AbstractEnvironmentProblem):
         return self.name.startswith(CONTINUING)
 
     @property
+    def kind(self) -> str:
+        """By the id."""
+        return DM_ACROBOT if self.name in ACROBOT_IDS else ENVIRONMENT
+
+    @property
     def preset(self) -> str | None:
         """The preset of dm_control's acrobot, or of environments."""
-        return ACROBOT_PRESET if self.name in ACROBOT_IDS else ENV_PRESET
+        return ACROBOT_PRESET if self.kind == DM_ACROBOT else ENV_PRESET
 
     @property
     def intervals(self) -> Intervals:
         """The intervals of continuing tasks, of dm_control's acrobot or of environments."""
         if self.continuing:
             return INTERVALS["continuing task"]
-        return INTERVALS["dm_control's acrobot" if self.name in ACROBOT_IDS else "environment"]
+        return INTERVALS[DM_ACROBOT if self.kind == DM_ACROBOT else "environment"]
 
     @property
     def command(self) -> Mapping[str, Any] | None:

@@ -1,11 +1,12 @@
 """A training run: a host loop over chunks of iterations, so that progress shows, runs resume and seeds batch.
 
-A run's folder holds config.json, metrics.jsonl, tensorboard/, checkpoints/, best.safetensors and
-last.safetensors; with several seeds also best-SEED.safetensors and last-SEED.safetensors, and best.safetensors is
-the best of all. A run without a folder writes nothing.
+A run's folder holds config.json, metrics.jsonl, tensorboard/, checkpoints/, first.safetensors (untrained),
+best.safetensors and last.safetensors; with several seeds also best-SEED.safetensors and last-SEED.safetensors, and
+best.safetensors is the best of all. A run without a folder writes nothing.
 """
 
 import contextlib
+import functools
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -13,21 +14,34 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ..areapo.checkpoint import load_checkpoint, read_metadata
+from ..areapo.networks import Actor
 from ..areapo.state import LearnerState
+from ..areapo.statistics import RunningStatistics
 from ..common import __version__
 from ..common.checks import whole_number
 from ..common.errors import SwingupError, naming
 from ..common.files import make_folder
-from ..controllers.stack.policy import Policy
+from ..controllers.stack.policy import Policy, make_policy
+from ..policy.file import read_network
+from ..policy.network import NormaliseStage, checked
+from ..policy.policy import ACTION_SPACE
 from .backend import AbstractBackend, check_actions, split_seeds
 from .metrics import Evaluation, MetricsWriter, Row, TrainingMetrics
 from .progress import UNRANKED, TrainingProgress, TrainingReport, is_finite, rank, read_progress, score_of
-from .run_folder import BEST, LAST, RunFolder, seed_file
-from .run_settings import RunSettings, read_run_settings, run_settings_from_dict, write_run_settings
+from .run_folder import BEST, FIRST, LAST, RunFolder, seed_file
+from .run_settings import (
+    RunSettings,
+    read_run_settings,
+    run_settings_from_dict,
+    settings_of_policy,
+    write_run_settings,
+)
 
 Snapshot = tuple[LearnerState, dict[str, Any]]  # The complete state, and the metadata of a checkpoint
 
@@ -240,6 +254,8 @@ def start_run(settings: RunSettings, folder: str | Path | None, frames: int) -> 
     if place is not None:
         make_folder(place.checkpoints)
         write_run_settings(place.path, settings, goal)
+        # The untrained policy, to look back at.
+        run.save_policy(place.path / FIRST, 0, run.policies()[0], Evaluation(None))
     # A run that is killed before its first chunk ends can be resumed, too.
     run.save_checkpoint()
     return run
@@ -269,11 +285,50 @@ def resume_run(folder: str | Path, frames: int | None = None, env: Any = None) -
 
 
 def restore_run(path: str | Path, env: Any = None) -> Run:
-    """A run without a folder that continues from a file that :meth:`swingup.AREAPO.save` wrote."""
-    with naming(f"cannot load {path}"):
-        settings = run_settings_from_dict(read_metadata(path).get("settings"))
-    settings, backend, progress = _restored(settings, lambda like: load_checkpoint(path, like), str(path), env)
+    """A run without a folder that continues from a saved learner, or from the last checkpoint in a run's folder.
+
+    It writes nothing, and needs no lock on a folder.
+    """
+    if Path(path).is_dir():
+        settings, load = read_run_settings(Path(path))[0], RunFolder(path).load_checkpoint
+    else:
+        with naming(f"cannot load {path}"):
+            settings = run_settings_from_dict(read_metadata(path).get("settings"))
+        load = functools.partial(load_checkpoint, path)
+    settings, backend, progress = _restored(settings, load, str(path), env)
     return Run(settings, backend, progress, max(1, progress.iterations * settings.config.rollout_size), None)
+
+
+def start_from_policy(path: str | Path, env: Any = None) -> Run:
+    """A new run without a folder that begins with the actor and the normalisation of a policy file.
+
+    Its hyperparameters are those of the file, or else of the task's default preset. Critic and gains begin anew.
+
+    Raises:
+        SwingupError: the file is damaged, its environment is needed and was not given, or its network is not one
+            that these hyperparameters train.
+    """
+    network, metadata = read_network(path)
+    with naming(f"cannot begin with {path}"):
+        settings = settings_of_policy(metadata, env)
+        run = start_run(settings, None, settings.config.rollout_size)
+        evaluator, state = run.backend.evaluator, run.progress.state
+        if ACTION_SPACE in metadata:
+            check_actions(metadata[ACTION_SPACE], evaluator.action_space)
+        *before, normalise = network.stages or [None]
+        if not isinstance(normalise, NormaliseStage) or before != list(map(checked, evaluator.stages)):
+            raise SwingupError("its observation stages are not those of the learner")
+        actor = jax.tree.map(jnp.asarray, make_policy(network).actor)
+        if isinstance(actor, Actor) and actor.std_head is None and isinstance(state.actor, Actor):
+            actor = replace(actor, std_head=state.actor.std_head)
+        if not eqx.tree_equal(*(jax.tree.map(jnp.shape, each) for each in (actor, state.actor))):
+            raise SwingupError("its network has another form than these hyperparameters give: it can only predict")
+        mean, variance = (jnp.asarray(each, jnp.float32) for each in (normalise.mean, normalise.variance))
+        # As many rows as trained it, so that what it sees moves no faster than it did.
+        count = jnp.asarray(float(whole_number("frames", metadata.get("frames", settings.config.rollout_size), 1)))
+        statistics = RunningStatistics(mean, jnp.zeros_like(mean), variance, count)
+        run.progress = replace(run.progress, state=replace(state, actor=actor, statistics=statistics))
+    return run
 
 
 def _restored(

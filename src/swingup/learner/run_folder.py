@@ -17,7 +17,7 @@ from .metrics import REWARD_RATE
 from .progress import UNRANKED, Rank, rank
 from .run_settings import MALFORMED, RunSettings
 
-BEST, LAST = "best.safetensors", "last.safetensors"
+FIRST, BEST, LAST = "first.safetensors", "best.safetensors", "last.safetensors"
 
 CHECKPOINTS_KEPT = 2  # The newest and one to go back to, if that is damaged
 

@@ -8,13 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..areapo.config import LARGEST_COUNT, Config, config_from_dict
+from ..areapo.config import HYPERPARAMETERS, LARGEST_COUNT, Config, config_from_dict
 from ..common import __version__
 from ..common.arrays import write_json
 from ..common.checks import one_of, whole_number
 from ..common.errors import SwingupError, command_line, one_line
 from ..common.files import file_name
-from ..plant.plant import PlantLike
+from ..plant.plant import PlantLike, get_robot
+from ..policy.pendulum import PLANT, read_plant
+from ..policy.policy import TASK
 from .backend import AbstractBackend
 from .presets import PRESETS, get_preset
 from .problem import AbstractProblem, make_problem, problem_from_record
@@ -130,6 +132,24 @@ def make_run_settings(
     values = {"seed": 0, "seeds": defaults.seeds, **vars(problem.intervals)}
     values |= {name: value for name, value in given.items() if value is not None}
     return RunSettings(problem, chosen, config=config_from_dict(config, ("env", "folder", *SETTINGS)), **values)
+
+
+def settings_of_policy(metadata: Mapping[str, Any], env: Any = None) -> RunSettings:
+    """The settings with which a policy file's run began, of one seed, on its task or on an environment like it."""
+    robot, task = metadata.get("robot"), metadata.get(TASK)
+    named = task if robot is None else robot
+    if env is None and (not isinstance(named, str) or named.startswith("<")):
+        raise SwingupError(f"its environment was passed in ({one_line(named, 80)}): pass it again as env")
+    plant = None if robot is None else read_plant(metadata.get(PLANT), get_robot(str(robot)))
+    problem = make_problem(env if robot is None and env is not None else named, plant)
+    preset, changes = metadata.get("preset"), metadata.get("hyperparameters")
+    # An older file may have hyperparameters that are gone.
+    changes = {name: changes[name] for name in HYPERPARAMETERS if isinstance(changes, Mapping) and name in changes}
+    own = {} if problem.num_envs is None else {"num_envs": problem.num_envs}
+    chosen = problem.choose_preset(preset if preset in PRESETS else None)
+    config = config_from_dict(vars(get_preset(chosen).config) | changes | own)
+    seed = whole_number("seed", metadata.get("seed", 0), 0)
+    return RunSettings(problem, chosen, seed, 1, **vars(problem.intervals), config=config)
 
 
 def run_settings_from_dict(content: Any) -> RunSettings:

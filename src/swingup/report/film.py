@@ -1,8 +1,12 @@
-"""Films of trajectories: animated GIF and WebP, through Pillow."""
+"""Films: of trajectories, or of any frames. GIF and WebP through Pillow, MP4 through ffmpeg."""
 
+import functools
 import io
 import itertools
-from collections.abc import Iterator, Sequence
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +15,7 @@ import numpy as np
 from ..benchmark.recording import checked_rows
 from ..benchmark.rollout import Trajectory
 from ..common.checks import finite_number, positive_number, whole_number
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, needing, one_line
 from ..common.files import check_suffix, write_atomically
 from ..drawing import draw_frame
 from ..loop.resolve import resolve
@@ -19,7 +23,7 @@ from ..plant.plant import LEADERBOARD, PlantLike, Robot, get_robot
 
 FPS = 25.0
 SIZE = 320
-FILM_FORMATS = (".gif", ".webp")
+FILM_FORMATS = (".gif", ".webp", ".mp4")
 MAX_FPS = 50  # Maximum frames a second: viewers slow down films whose frames last less than 20 ms
 SIZE_RANGE = (32, 2048)  # Minimum and maximum height (pixels)
 MAX_DURATION = 600.0  # Maximum duration (s): a longer film comes from a wrong time or speed
@@ -34,13 +38,13 @@ def animate(
     speed: float = 1.0,
     plant: PlantLike = LEADERBOARD,
 ) -> None:
-    """Write a film, ``.gif`` or ``.webp``, of trajectories side by side, whole or not at all.
+    """Write a film, ``.gif``, ``.webp`` or ``.mp4``, of trajectories side by side, whole or not at all.
 
     The film lasts as long as the longest trajectory divided by the speed (1 is real time), and has 1 to 50 frames a
     second of ``size`` x ``size`` pixels for each trajectory. Each row is shown until the next. The plant gives the
     lengths of the links.
     """
-    suffix = check_suffix(path, FILM_FORMATS)
+    check_suffix(path, FILM_FORMATS)
     if not motions:
         raise SwingupError("nothing to draw: give at least one trajectory")
     shown = [(checked_rows(rows), get_robot(robot)) for rows, robot in motions]
@@ -71,23 +75,62 @@ def animate(
     colours, counts = np.unique(whole.reshape(-1, 3), axis=0, return_counts=True)
     colours = colours[np.argsort(-counts)]
     palette = colours[np.unique(colours // 16, axis=0, return_index=True)[1][:256]]
-    write_atomically(path, _encode(map(frame, range(count)), palette, count, fps, suffix[1:].upper()))
+    write_film(path, map(frame, range(count)), fps, palette)
 
 
-def _encode(frames: Iterator[np.ndarray], colours: np.ndarray, count: int, fps: float, form: str) -> bytes:
-    """An animation that repeats forever; its delays are whole hundredths of a second whose sum does not drift."""
-    from PIL import Image
+def write_film(
+    path: str | Path, frames: Iterable[np.ndarray], fps: float, colours: np.ndarray | None = None
+) -> None:
+    """Write frames (rows, columns, 3) as a film that repeats forever: ``.gif`` or ``.webp``, or ``.mp4`` by ffmpeg.
+
+    Colours (256, 3) are the palette of all frames; None for one of each frame's own.
+
+    Raises:
+        SwingupError: ffmpeg or Pillow is missing, or the file cannot be written.
+    """
+    suffix = check_suffix(path, FILM_FORMATS)
+    encode = _mp4 if suffix == ".mp4" else functools.partial(_pillow, colours=colours, form=suffix[1:].upper())
+    write_atomically(path, encode(frames, fps))
+
+
+def _pillow(frames: Iterable[np.ndarray], fps: float, colours: np.ndarray | None, form: str) -> bytes:
+    """An animation, whose delays are whole hundredths of a second whose sum does not drift."""
+    with needing("Pillow", "render", "a film"):
+        from PIL import Image
 
     palette = Image.new("P", (1, 1))
-    palette.putpalette(colours.ravel().tolist())
+    if colours is not None:
+        palette.putpalette(colours.ravel().tolist())
 
     def quantised(frame: np.ndarray) -> Any:
-        return Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
+        picture = Image.fromarray(frame)
+        return picture.quantize(palette=palette, dither=Image.Dither.NONE) if colours is not None else picture
 
     first, *rest = map(quantised, frames)
-    ends = [round(100 * k / fps) for k in range(count + 1)]
+    ends = [round(100 * k / fps) for k in range(len(rest) + 2)]
     delays = [10 * (end - start) for start, end in itertools.pairwise(ends)]  # in milliseconds
     file = io.BytesIO()
     options = {"lossless": True} if form == "WEBP" else {"optimize": False}
     first.save(file, form, save_all=True, append_images=rest, duration=delays, loop=0, **options)
     return file.getvalue()
+
+
+def _mp4(frames: Iterable[np.ndarray], fps: float) -> bytes:
+    """H.264, which browsers show, with an even number of rows and columns."""
+    program = shutil.which("ffmpeg")
+    if program is None:
+        raise SwingupError("a film in .mp4 needs ffmpeg, which is missing: install it, or write .gif or .webp")
+    kept = [frame[: frame.shape[0] // 2 * 2, : frame.shape[1] // 2 * 2] for frame in frames]
+    rows, columns = kept[0].shape[:2]
+    with tempfile.TemporaryDirectory() as folder:
+        out = str(Path(folder) / "film.mp4")
+        given = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{columns}x{rows}", "-r", str(fps), "-i", "-"]
+        command = [program, "-loglevel", "error", *given, "-pix_fmt", "yuv420p", "-movflags", "faststart", out]
+        done = subprocess.run(
+            command, input=b"".join(map(np.ndarray.tobytes, kept)), capture_output=True, check=False
+        )
+        if done.returncode:
+            raise SwingupError(
+                f"ffmpeg cannot write the film: {one_line(done.stderr.decode(errors='replace'), 200)}"
+            )
+        return Path(out).read_bytes()

@@ -77,7 +77,7 @@ def plan_jobs(
 def plan_variant(base: RunSettings, chosen: Mapping, seeds: Sequence[int], folder: Path, frames: int) -> list[Job]:
     """The jobs of one choice of settings: one for each seed, in folders of their own below ``folder``."""
     changes = dict(chosen)
-    preset = changes.pop("preset", base.preset)
+    preset = base.problem.choose_preset(changes.pop("preset", base.preset))
     config = base.config if preset == base.preset else get_preset(preset).config
     base = dataclasses.replace(base, preset=preset, config=config_from_dict(vars(config) | changes), seeds=1)
     runs = [dataclasses.replace(base, seed=seed) for seed in seeds]

@@ -176,7 +176,7 @@ class AcrobotPractice(AcrobotSwingup):
 
 
 def acrobot_practice(sparse: bool = False) -> AcrobotPractice:
-    """What the preset `acrobot` trains on: half of the episodes begin on paths of up to 4 s to upright."""
+    """What the preset `dm-acrobot` trains on: half of the episodes begin on paths of up to 4 s to upright."""
     starts = winnable_states(jax.random.key(STARTS_SEED), CAPSULES, STARTS, steps=400, uniform_share=0.7)
     return AcrobotPractice(sparse, ACTION_REPEAT, 0.004, starts, start_share=0.55)
 
