@@ -325,7 +325,7 @@ def start_from_policy(path: str | Path, env: Any = None) -> Run:
             raise SwingupError("its network has another form than these hyperparameters give: it can only predict")
         mean, variance = (jnp.asarray(each, jnp.float32) for each in (normalise.mean, normalise.variance))
         # As many rows as trained it, so that what it sees moves no faster than it did.
-        count = jnp.asarray(float(whole_number("frames", metadata.get("frames", settings.config.rollout_size), 1)))
+        count = jnp.asarray(float(whole_number("frames", metadata.get("frames", 0), 0)))
         statistics = RunningStatistics(mean, jnp.zeros_like(mean), variance, count)
         run.progress = replace(run.progress, state=replace(state, actor=actor, statistics=statistics))
     return run
