@@ -18,11 +18,10 @@ from jaxtyping import Float
 from study import Study
 
 from swingup import AREAPO
-from swingup.controllers.stack.policy import act, make_policy
 from swingup.learner.presets import get_preset
 from swingup.learner.progress import TrainingReport
-from swingup.policy.file import read_network
-from swingup.tasks.acrobot_swingup import ACTION_REPEAT, MJCF, TORQUES, AcrobotSwingup, magnified
+from swingup.policy.shipped import load_policy
+from swingup.tasks.acrobot_swingup import ACTION_REPEAT, MJCF, AcrobotSwingup
 
 ID, PRESET = "swingup/AcrobotSwingup-v0", "acrobot"
 EPISODES, STEPS = 128, 1000
@@ -55,7 +54,7 @@ def judge(path: Path, seed: int) -> Float[np.ndarray, "episodes"]:
     """Returns of a policy file in MuJoCo, which sees and pays as dm_control does; 100 actions a second."""
     import mujoco
 
-    policy = make_policy(read_network(path)[0])
+    policy = load_policy(path)
     model = mujoco.MjModel.from_xml_string(MJCF)
     random = np.random.default_rng([seed, 1])
     episodes = [mujoco.MjData(model) for _ in range(EPISODES)]
@@ -66,8 +65,7 @@ def judge(path: Path, seed: int) -> Float[np.ndarray, "episodes"]:
     returns = np.zeros(EPISODES)
     for _ in range(STEPS):
         observations = np.array([_observe(data) for data in episodes])
-        choices = act(policy, np.asarray(magnified(observations), np.float32))
-        for data, control in zip(episodes, TORQUES(choices), strict=True):
+        for data, control in zip(episodes, policy.predict(observations)[0], strict=True):
             data.ctrl[:] = control
             mujoco.mj_step(model, data)
             mujoco.mj_kinematics(model, data)

@@ -20,7 +20,7 @@ from swingup.controllers.baselines.upright import linearised
 from swingup.dynamics.dynamics import UPRIGHT
 from swingup.plant.plant import LEADERBOARD, get_robot
 from swingup.report import draw
-from swingup.tasks.acrobot_swingup import AcrobotSwingup, magnified
+from swingup.tasks.acrobot_swingup import AcrobotSwingup
 from swingup.tasks.pendulum import PendulumState
 
 BENCHMARKS = Path(swingup.__file__).parents[2] / "benchmarks"
@@ -134,7 +134,7 @@ def test_a_policy_file_of_dm_controls_acrobot_earns_in_mujoco_what_it_earns_in_t
         angles = random.uniform(-np.pi, np.pi, 2)
         state, total = PendulumState(jnp.array([angles[0] + np.pi, angles[1], 0.0, 0.0]), jnp.array(0)), 0.0
         for _ in range(20):
-            taken = step(state, model.predict(magnified(np.asarray(observe(state))))[0], jax.random.key(0))
+            taken = step(state, model.predict(np.asarray(observe(state)))[0], jax.random.key(0))
             state, total = taken.state, total + float(taken.reward)
         assert total == pytest.approx(expected, rel=1e-3)
 

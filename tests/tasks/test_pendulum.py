@@ -18,7 +18,7 @@ from swingup.loop.resolve import resolve
 from swingup.loop.starts import thrown_states, winnable_states
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, ROBOTS
-from swingup.tasks.acrobot_swingup import CAPSULES, MJCF, AcrobotPractice, AcrobotSwingup, magnified
+from swingup.tasks.acrobot_swingup import CAPSULES, MAGNIFY, MJCF, AcrobotPractice, AcrobotSwingup
 from swingup.tasks.pendulum import PendulumState
 from swingup.tasks.presets import TASKS, get_task, paper_task, smooth_task
 
@@ -262,4 +262,4 @@ def test_practice_observes_and_acts_as_the_task():
     seen = np.asarray(step.observation)
     np.testing.assert_allclose(mine.observation[:6], seen, rtol=1e-5)
     assert mine.observation[6] == pytest.approx(math.asinh(1000 * seen[0]), rel=1e-5)
-    np.testing.assert_allclose(magnified(seen), mine.observation, rtol=1e-5)
+    np.testing.assert_allclose(MAGNIFY(seen), mine.observation, rtol=1e-5)

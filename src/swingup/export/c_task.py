@@ -6,7 +6,7 @@ import numpy as np
 
 from ..common import __version__
 from ..policy.network import Layer, Network, NormaliseStage
-from ..policy.policy import TaskPolicy
+from ..policy.policy import TaskPolicy, require_plain
 from ..policy.self_test import SelfTest, task_test
 from .c_text import Data, Precision, constant_bytes
 
@@ -69,6 +69,7 @@ def sizes(data: dict[str, Data], precision: Precision, ram: str) -> str:
 
 def task_data(policy: TaskPolicy) -> dict[str, Data]:
     """All that the runtime needs, part by part."""
+    require_plain(policy, "a header")
     space, network = policy.action_space, policy.network
     data: Data = {"ACTIONS": space.size, "DISCRETE": int(bool(space.choices))}
     if space.choices:

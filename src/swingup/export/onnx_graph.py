@@ -24,7 +24,7 @@ from ..policy.network import (
     PendulumStage,
 )
 from ..policy.pendulum import PendulumPolicy
-from ..policy.policy import TaskPolicy
+from ..policy.policy import TaskPolicy, require_plain
 from ..policy.self_test import loop_test, task_test
 from ..policy.spaces import Space
 
@@ -41,6 +41,7 @@ def onnx_model(policy: TaskPolicy | PendulumPolicy) -> bytes:
     """
     with needing("the package onnx", "onnx", "an ONNX graph"):
         import onnx
+    require_plain(policy, "an ONNX graph")
     graph, seen = _Graph(onnx.helper, onnx.numpy_helper), policy.observation_space
     given = _Value("state" if isinstance(policy, PendulumPolicy) else "observation", seen.shape, seen.dtype)
     flat = given.name if len(seen.shape) == 1 else graph.add("Flatten", given.name, axis=1)

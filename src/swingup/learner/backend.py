@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..areapo.networks import CategoricalActor
 from ..areapo.state import LearnerState
 from ..common.errors import SwingupError
 from ..controllers.stack.policy import Policy, network_of, save_policy
@@ -173,12 +172,13 @@ def summarise_episodes(
 
 def check_spaces(policy: Policy[Any], spaces: Spaces) -> None:
     """Refuse an environment whose observations or actions are not the policy's."""
-    actor = policy.actor
-    seen, choices = actor.trunk[0].weight.shape[1], actor.choices if isinstance(actor, CategoricalActor) else ()
+    network = network_of(policy)
+    seen, choices = network.input_size, network.choices or ()
     if seen != spaces.observation_size:
         raise SwingupError(f"the policy sees {seen} numbers, the environment shows {spaces.observation_size}")
-    size = len(choices) or actor.mean_head.weight.shape[0]
-    if (size, choices) != (spaces.action_size, spaces.choices):
+    size = len(choices) or len(network.head.bias)
+    # Choices may be of evenly spaced numbers.
+    if size != spaces.action_size or (spaces.choices and choices != spaces.choices):
         mine, its = _actions(size, choices), _actions(spaces.action_size, spaces.choices)
         raise SwingupError(f"the policy's actions are {mine}, the environment's are {its}")
 

@@ -29,7 +29,7 @@ from ..plant.plant import LEADERBOARD, Plant
 from ..policy.pendulum import STATES, TORQUE_SHARE, policy_plant
 from ..policy.policy import Policy as FilePolicy
 from ..policy.spaces import box
-from ..tasks.acrobot_swingup import AcrobotPractice
+from ..tasks.acrobot_swingup import MAGNIFY, AcrobotPractice
 from ..tasks.adapters import AbstractAdaptedTask
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.task import AbstractTask
@@ -202,9 +202,10 @@ class ReturnEvaluator(AbstractEvaluator):
     def __init__(self, task: AbstractTask[Any], seed: int, episodes: int, name: str) -> None:
         adapted = task if isinstance(task, AbstractAdaptedTask) else None
         self.observation_space = box(adapted.observation_shape if adapted else (task.observation_size,))
-        self.action_space = (
-            task.actions if isinstance(task, AbstractAdaptedTask | AcrobotPractice) else task.own_actions
-        )
+        self.action_space = adapted.actions if adapted else task.own_actions
+        if isinstance(task, AcrobotPractice):
+            # A file's policy acts in the task itself, whose action is a number.
+            self.stages, self.action_space = () if task.magnifies else (MAGNIFY,), box((1,), -1.0, 1.0)
         self._game, self._seed, self._episodes, self.task = task, seed, episodes, name
         self.step_time = step_time(*(adapted.timed if adapted else (task,)))
 

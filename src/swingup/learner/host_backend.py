@@ -21,7 +21,8 @@ from ..areapo.state import COLLECT, LearnerState, Metrics, Purpose, Rollout, roo
 from ..areapo.statistics import RunningStatistics
 from ..common.errors import SwingupError
 from ..common.types import Key, fetch
-from ..controllers.stack.policy import Policy, act
+from ..controllers.stack.policy import Policy, act, network_of
+from ..policy.policy import spaced
 from ..policy.spaces import box
 from .backend import (
     EPISODE_STEPS,
@@ -269,12 +270,15 @@ def play(policy: Policy[Any], environments: Environments, seed: int) -> Evaluati
 
     The score of a continuing task, of whose stream ``EPISODE_STEPS`` are played, is its reward rate.
     """
-    observations = environments.reset(seed)
+    observations, network = environments.reset(seed), network_of(policy)
     running = np.ones(environments.num_envs, np.bool_)
     returns, lengths = np.zeros(running.size), np.zeros(running.size, np.int64)
     terminations = -environments.own_resets
     for _ in range(EPISODE_STEPS):
-        step = environments.step(act(policy, observations))
+        actions, choices = act(policy, observations), network.choices
+        if choices is not None and not environments.spaces.choices:
+            actions = spaced(actions, choices)
+        step = environments.step(actions)
         # Environments that ended start another episode by themselves; it does not count.
         returns += running * step.rewards
         lengths += running

@@ -316,7 +316,9 @@ def start_from_policy(path: str | Path, env: Any = None) -> Run:
         if ACTION_SPACE in metadata:
             check_actions(metadata[ACTION_SPACE], evaluator.action_space)
         *before, normalise = network.stages or [None]
-        if not isinstance(normalise, NormaliseStage) or before != list(map(checked, evaluator.stages)):
+        if not isinstance(normalise, NormaliseStage) or not eqx.tree_equal(
+            before, list(map(checked, evaluator.stages))
+        ):
             raise SwingupError("its observation stages are not those of the learner")
         actor = jax.tree.map(jnp.asarray, make_policy(network).actor)
         if isinstance(actor, Actor) and actor.std_head is None and isinstance(state.actor, Actor):

@@ -118,9 +118,34 @@ class PlantStage:
         return observation.__array_namespace__().concatenate([observation, self.inputs(base)])
 
 
-Stage = PendulumStage | NormaliseStage | PlantStage
+@dataclass(frozen=True)
+class MagnifyStage:
+    """The observation o, then arsinh(k o) with a factor k for each entry: a logarithmic scale, linear near 0.
 
-STAGES: dict[str, type[Stage]] = {"pendulum": PendulumStage, "normalise": NormaliseStage, "plant": PlantStage}
+    An observation may have leading axes.
+    """
+
+    PART: ClassVar[str] = "magnify stage"
+    factors: Array
+
+    def size(self, before: int) -> int:
+        """Length of the result, twice that of the observation."""
+        if self.factors.shape != (before,):
+            raise SwingupError(f"factors have shape {self.factors.shape}, the observation {(before,)}")
+        return 2 * before
+
+    def __call__(self, observation: Array, base: Array | None = None) -> Array:
+        """The observation, with what is magnified behind it."""
+        xp = observation.__array_namespace__()
+        factors = xp.asarray(self.factors, dtype=observation.dtype)
+        return xp.concatenate([observation, xp.asinh(factors * observation)], axis=-1)
+
+
+Stage = PendulumStage | MagnifyStage | NormaliseStage | PlantStage
+
+STAGES: dict[str, type[Stage]] = {
+    "pendulum": PendulumStage, "magnify": MagnifyStage, "normalise": NormaliseStage, "plant": PlantStage,
+}  # fmt: skip
 """Stages by their name in the file."""
 
 
@@ -254,6 +279,8 @@ class Network:
         first = self.stages[0] if self.stages else None
         if isinstance(first, PendulumStage):
             return STATE
+        if isinstance(first, MagnifyStage):
+            return int(first.factors.size)
         return int(first.mean.size if isinstance(first, NormaliseStage) else self.layers[0].weight.shape[1])
 
     @property
@@ -291,7 +318,7 @@ def _absorb(layer: Layer, inputs: np.ndarray) -> Layer:
 
 def max_feature(network: Network) -> float:
     """A bound of what a layer gives, for observations of up to 1 or what a stage clips to."""
-    clips = [stage.clip for stage in network.stages if not isinstance(stage, PendulumStage)]
+    clips = [stage.clip for stage in network.stages if isinstance(stage, NormaliseStage | PlantStage)]
     most = largest = max([1.0, *clips])
     heads = [network.head, *([] if network.std is None else [network.std])]
     with np.errstate(over="ignore"):

@@ -13,7 +13,7 @@ import numpy as np
 from ..common.checks import positive_number
 from ..common.errors import SwingupError, naming, quoted
 from .file import read_metadata, read_network
-from .network import LOG_STD_RANGE, STD_OUTPUT_RANGE, TANH, Activation, Bounds, Network
+from .network import LOG_STD_RANGE, STD_OUTPUT_RANGE, TANH, Activation, Bounds, MagnifyStage, Network
 from .spaces import Space, read_space
 
 TASK, OBSERVATION_SPACE, ACTION_SPACE, PERIOD = "task", "observation_space", "action_space", "period"
@@ -146,10 +146,25 @@ class Policy(abc.ABC):
                 # The largest sum with Gumbel noise is a sample of the probabilities.
                 outputs = outputs + self._generator.gumbel(size=outputs.shape)
             ends = np.cumsum(network.choices)[:-1]
-            return np.stack([each.argmax(axis=-1) for each in np.split(outputs, ends, axis=-1)], axis=-1)
+            chosen = np.stack([each.argmax(axis=-1) for each in np.split(outputs, ends, axis=-1)], axis=-1)
+            return chosen if self.action_space.choices else spaced(chosen, network.choices)
         if not deterministic:
             outputs = outputs + _deviation(network, features) * self._generator.normal(size=outputs.shape)
         return BOUNDS[network.bounds](outputs)
+
+
+def spaced(chosen: Any, choices: tuple[int, ...]) -> Any:
+    """Numbers from -1 to 1 for choices (..., m) of evenly spaced ones, in which a box is acted in."""
+    return 2.0 * chosen / (np.array(choices, np.float32) - 1.0) - 1.0
+
+
+def require_plain(policy: Policy, program: str) -> None:
+    """Refuse what a program, whose name starts the sentence, does not run."""
+    spaces_choices = policy.network.choices is not None and not policy.action_space.choices
+    if spaces_choices or any(isinstance(stage, MagnifyStage) for stage in policy.network.stages):
+        raise SwingupError(
+            f"{program} has no observation stage 'magnify' and no choices in a box: export the policy to NumPy"
+        )
 
 
 def _deviation(network: Network, features: np.ndarray) -> np.ndarray:
@@ -176,8 +191,11 @@ class TaskPolicy(Policy):
         seen, space = self.network.input_size, self.action_space
         if self.observation_space.choices or seen != self.observation_space.size:
             raise SwingupError(f"its network sees {seen} numbers, its observations are {self.observation_space}")
-        outputs = len(self.network.choices or self.network.head.bias)
-        if (self.network.choices or ()) != space.choices or outputs != space.size:
+        choices = self.network.choices or ()
+        outputs = len(choices or self.network.head.bias)
+        # Choices in a box are of evenly spaced numbers between its bounds.
+        fits = space.choices == choices or (not space.choices and min(choices) > 1)
+        if not fits or outputs != space.size:
             raise SwingupError(f"its network has {outputs} actions, its action_space {space.size}")
         if not space.choices and space.low is None:
             raise SwingupError("its action_space has no bounds")

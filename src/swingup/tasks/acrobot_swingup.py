@@ -7,11 +7,11 @@ learnt.
 """
 
 import math
-from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..common.types import Action, Key, Observation, Scalar, State, Torque
@@ -20,7 +20,7 @@ from ..loop.starts import winnable_states
 from ..plant.plant import ROBOTS, Plant, Robot
 from ..policy.spaces import Space, discrete
 from .pendulum import PendulumState
-from .task import AbstractTask, Step
+from .task import AbstractTask, MagnifyStage, Step
 
 CAPSULES = Plant(
     # As load_plant reads them from the suite's acrobot.xml; that takes time at import.
@@ -118,7 +118,7 @@ class AcrobotSwingup(AbstractTask[PendulumState]):
         return Step(after, self.observe(after), jnp.mean(rewards), jnp.array(False), truncated)
 
 
-MAGNIFICATION = (1000.0, 1000.0, 300.0, 300.0)
+MAGNIFY = MagnifyStage(np.array([1000.0, 1000.0, 0.0, 0.0, 300.0, 300.0]))
 """Factors of the links' horizontal directions and of the velocities (s/rad): what can be held becomes 10 wide."""
 TORQUES = discrete([3], -1, "float32")
 """The choices of a policy: full torque backwards, none, full torque forwards."""
@@ -129,8 +129,12 @@ STARTS, STARTS_SEED = 2**17, 0  # How many starts are drawn for practice, and th
 class AcrobotPractice(AcrobotSwingup):
     """The task as a policy learns it: three torques, an observation that is sharp near upright, starts of its own.
 
-    In the task itself such a policy is shown what is :func:`magnified`, and acts by :attr:`actions` of its choice.
+    The observation is magnified by a stage that the policy's file keeps. In the task itself a policy of three
+    choices acts as any other does: they are evenly spaced actions.
     """
+
+    magnifies: bool = eqx.field(static=True, default=True)
+    """Whether it shows the magnified observation, or the task's own."""
 
     starts: Float[Array, "n 4"] | None = None
     """States to start from (rad, rad/s), such as :func:`~swingup.loop.starts.winnable_states`."""
@@ -149,12 +153,12 @@ class AcrobotPractice(AcrobotSwingup):
     @property
     def judged(self) -> "AcrobotPractice":
         """The task with its own starts, limit and steps, for such a policy."""
-        return AcrobotPractice(sparse=self.sparse)
+        return AcrobotPractice(sparse=self.sparse, magnifies=False)
 
     @property
     def observation_size(self) -> int:
-        """Ten: see :func:`magnified`."""
-        return 10
+        """Twelve, or the task's six."""
+        return MAGNIFY.size(6) if self.magnifies else 6
 
     def reset(self, key: Key) -> PendulumState:
         """Start as in the task, or in one of the starts."""
@@ -167,8 +171,9 @@ class AcrobotPractice(AcrobotSwingup):
         return PendulumState(x=jnp.where(at_start, start, state.x), steps=state.steps)
 
     def observe(self, state: PendulumState) -> Observation:
-        """The task's observation, then the magnified one."""
-        return magnified(super().observe(state))
+        """The task's observation, perhaps with the magnified one behind it."""
+        observation = super().observe(state)
+        return MAGNIFY(observation) if self.magnifies else observation
 
     def step(self, state: PendulumState, action: Action, key: Key) -> Step[PendulumState]:
         """Hold a chosen torque."""
@@ -178,12 +183,4 @@ class AcrobotPractice(AcrobotSwingup):
 def acrobot_practice(sparse: bool = False) -> AcrobotPractice:
     """What the preset `dm-acrobot` trains on: half of the episodes begin on paths of up to 4 s to upright."""
     starts = winnable_states(jax.random.key(STARTS_SEED), CAPSULES, STARTS, steps=400, uniform_share=0.7)
-    return AcrobotPractice(sparse, ACTION_REPEAT, 0.004, starts, start_share=0.55)
-
-
-def magnified(observation: Float[Any, "*b 6"]) -> Float[Any, "*b 10"]:
-    """The task's observation o, then arsinh(k o) of what vanishes upright: a logarithmic scale, linear near 0."""
-    xp = observation.__array_namespace__()
-    small = xp.concatenate([observation[..., :2], observation[..., 4:]], axis=-1)
-    factors = xp.asarray(MAGNIFICATION, dtype=small.dtype)
-    return xp.concatenate([observation, xp.asinh(factors * small)], axis=-1)
+    return AcrobotPractice(sparse, ACTION_REPEAT, 0.004, starts=starts, start_share=0.55)

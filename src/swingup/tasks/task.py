@@ -16,6 +16,7 @@ import numpy as np
 from ..common.errors import SwingupError, attribute, one_line
 from ..common.types import Action, Flag, Key, Observation, Scalar
 from ..policy.network import STAGES
+from ..policy.network import MagnifyStage as MagnifyStage
 from ..policy.network import NormaliseStage as NormaliseStage
 from ..policy.network import PendulumStage as PendulumStage
 from ..policy.network import PlantStage as PlantStage
