@@ -15,7 +15,7 @@ from gymnasium.vector import AutoresetMode
 from array_files import change_file
 from policies import load_any_policy
 from refusals import refusal
-from swingup import AREAPO
+from swingup import AREAPO, load_policy, play
 from swingup.common.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run_folder import RunFolder
@@ -330,3 +330,22 @@ def test_a_robot_by_name():
     assert (model.settings.preset, model.settings.problem.name) == ("pendulum", "pendubot")
     assert model.predict(np.zeros(4))[0].shape == (1,)
     assert 0.0 <= model.evaluate()["score"] < 0.1
+
+
+def test_dm_controls_acrobot_is_acted_in_itself(tmp_path, monkeypatch):
+    """The file keeps what its preset adds: the magnified observation, and torques to choose from."""
+    monkeypatch.setattr("swingup.tasks.acrobot_swingup.winnable_states", lambda *_, **__: jnp.zeros((2, 4)))
+    env = "swingup/AcrobotSwingup-v0"
+    model = AREAPO(env, num_envs=2, num_steps=4, batch_size=8, evaluation_episodes=1)
+    model.export_policy(tmp_path / "p.safetensors")
+    policy = load_policy(tmp_path / "p.safetensors")
+    seen = np.random.default_rng(0).normal(size=(200, 6)).astype(np.float32)
+    actions, _ = policy.predict(seen)
+    assert actions.shape == (200, 1)
+    assert set(actions.ravel().tolist()) <= {-1.0, 0.0, 1.0}
+    drawn, _ = policy.predict(seen, deterministic=False)
+    assert set(drawn.ravel().tolist()) == {-1.0, 0.0, 1.0}
+    np.testing.assert_array_equal(actions, AREAPO.load(tmp_path / "p.safetensors").predict(seen)[0])
+    # The same on both back ends and in NumPy: one start, whose sparse reward is 0 everywhere near it.
+    sparse = "swingup/AcrobotSwingupSparse-v0"
+    assert model.evaluate(1, env=sparse)["mean_length"] == play(policy, sparse, 1).lengths[0] == 1000
