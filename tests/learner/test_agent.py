@@ -17,6 +17,8 @@ from policies import load_any_policy
 from refusals import refusal
 from swingup import AREAPO, load_policy, play
 from swingup.common.errors import SwingupError
+from swingup.export.c_header import c_header
+from swingup.export.onnx_graph import onnx_model
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run_folder import RunFolder
 from swingup.plant.plant import ROBOTS
@@ -346,6 +348,8 @@ def test_dm_controls_acrobot_is_acted_in_itself(tmp_path, monkeypatch):
     drawn, _ = policy.predict(seen, deterministic=False)
     assert set(drawn.ravel().tolist()) == {-1.0, 0.0, 1.0}
     np.testing.assert_array_equal(actions, AREAPO.load(tmp_path / "p.safetensors").predict(seen)[0])
-    # The same on both back ends and in NumPy: one start, whose sparse reward is 0 everywhere near it.
+    for export in (onnx_model, c_header):
+        assert "no observation stage 'magnify'" in refusal(export, policy)
+    # Both back ends and NumPy play it, in the task itself.
     sparse = "swingup/AcrobotSwingupSparse-v0"
     assert model.evaluate(1, env=sparse)["mean_length"] == play(policy, sparse, 1).lengths[0] == 1000
