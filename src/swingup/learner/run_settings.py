@@ -136,17 +136,17 @@ def make_run_settings(
 
 def settings_of_policy(metadata: Mapping[str, Any], env: Any = None) -> RunSettings:
     """The settings with which a policy file's run began, of one seed, on its task or on an environment like it."""
-    robot, task = metadata.get("robot"), metadata.get(TASK)
-    named = task if robot is None else robot
-    if env is None and (not isinstance(named, str) or named.startswith("<")):
+    robot = metadata.get("robot")
+    named = str(metadata.get(TASK, "<unnamed>") if robot is None else robot)
+    if env is None and named.startswith("<"):
         raise SwingupError(f"its environment was passed in ({one_line(named, 80)}): pass it again as env")
-    plant = None if robot is None else read_plant(metadata.get(PLANT), get_robot(str(robot)))
-    problem = make_problem(env if robot is None and env is not None else named, plant)
+    plant = None if robot is None else read_plant(metadata.get(PLANT), get_robot(named))
+    problem = make_problem(named, plant).on(env)
     preset, changes = metadata.get("preset"), metadata.get("hyperparameters")
     # An older file may have hyperparameters that are gone.
     changes = {name: changes[name] for name in HYPERPARAMETERS if isinstance(changes, Mapping) and name in changes}
     own = {} if problem.num_envs is None else {"num_envs": problem.num_envs}
-    chosen = problem.choose_preset(preset if preset in PRESETS else None)
+    chosen = problem.choose_preset(preset if str(preset) in PRESETS else None)
     config = config_from_dict(vars(get_preset(chosen).config) | changes | own)
     seed = whole_number("seed", metadata.get("seed", 0), 0)
     return RunSettings(problem, chosen, seed, 1, **vars(problem.intervals), config=config)
