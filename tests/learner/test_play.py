@@ -1,6 +1,7 @@
 """Episodes of policy files elsewhere: what they gave, by commands and by Stable-Baselines3's name, and films."""
 
 import json
+from typing import ClassVar
 
 import gymnasium
 import numpy as np
@@ -23,6 +24,8 @@ from .environments import TINY, Stairs
 
 class Walk(gymnasium.Env):
     """Right earns 1 and left nothing; it starts at the seed's number of steps from its goal, which ends it."""
+
+    metadata: ClassVar = {"render_modes": ["rgb_array"], "render_fps": 10}
 
     def __init__(self, render_mode=None):
         self.observation_space, self.action_space, self.render_mode = Box(-9.0, 9.0, (1,)), Discrete(2), render_mode
