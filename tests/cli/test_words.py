@@ -9,6 +9,7 @@ import pytest
 
 from swingup.areapo.config import HYPERPARAMETERS
 from swingup.cli import main
+from swingup.cli.arguments import split_commas
 from swingup.cli.commands import COMMANDS
 from swingup.cli.results import WHAT_TO_TRY
 from swingup.controllers.registry import BUILT_IN
@@ -144,3 +145,8 @@ def test_standard_output_that_is_closed_full_or_without_a_reader(output, told, m
         monkeypatch.setattr(sys, "stdout", stream)
         assert main(["--help"]) == (1 if output == "gone" else 2)
     assert capsys.readouterr().err == told
+
+
+def test_commas_within_parentheses_belong_to_a_value():
+    values = "q1=atan2(s,sin(c)),q2=b", "u1=clip(8*(a-b),-1,1)"
+    assert split_commas(*values) == ("q1=atan2(s,sin(c))", "q2=b", "u1=clip(8*(a-b),-1,1)")

@@ -174,6 +174,11 @@ def with_tags(path, table):
     return as_text(names=names)(path, np.column_stack([table[:, 0], *angles, table[:, 3:]]))
 
 
+def with_duty(path, table):
+    """A motor's duty, which says nothing of the joint."""
+    return as_text(names=[*NAMES[:5], "duty"])(path, table[:, [0, 1, 2, 3, 4, 6]])
+
+
 def as_mat(compressed, names=lambda q: {"q": q}):
     def save(path, table):
         log = {"t": table[:, :1], "u": table[:, 5:]} | names(table[:, 1:3])
@@ -218,6 +223,7 @@ FILES = {
                           "dq2=field.velocity0 u1=field.effort1 u2=field.effort0"),
     "sines and cosines": (with_tags, "q1=atan2(tag0_sin,tag0_cos) q2=atan2(tag1_sin,tag1_cos)"),
     "torques of other names": (as_text(names=[*NAMES[:5], "torque1", "torque2"]), "u1=torque1 u2=torque2"),
+    "one duty": (with_duty, "u1=0 u2=duty"),
     "one torque": (as_text(names=[*NAMES[:6], "none"]), "u1=tau_con1 u2=0"),
 }  # fmt: skip
 """How a log is written, and the words that its refusal suggests, if it is refused."""
@@ -229,9 +235,11 @@ def test_files_of_other_programs(tmp_path, table, name):
     path, found = save(tmp_path / "log", table * ([1000, *6 * [1]] if "_ms" in words else 1)), []
     if words:
         message = refusal(read_recording, path)
-        found = shlex.split(message.split("--columns ")[1].split(", if these")[0].split(" if joint")[0])
+        found = shlex.split(
+            message.split("--columns ")[1].split(", if these")[0].split(" if joint")[0].split(" where")[0]
+        )
         assert found == words.split("|" if "|" in words else " ")
-    right = write(tmp_path / "right.csv", table * [*6 * [1], name != "one torque"])
+    right = write(tmp_path / "right.csv", table * [*5 * [1], name != "one duty", name != "one torque"])
     assert_same(read_recording(path, columns=found), read_recording(right), steps=1e-9)
 
 

@@ -15,6 +15,7 @@ from swingup.identification import fit as bootstrap
 from swingup.identification import prediction
 from swingup.identification.fit import Evaluator, linearise
 from swingup.identification.prediction import INDEX, integration_of, vector_of
+from swingup.identification.results import bound_notes
 from swingup.identification.unknowns import Problem
 from swingup.loop.resolve import resolve
 from swingup.plant.base_parameters import base_parameters
@@ -126,6 +127,29 @@ def test_a_known_gain_is_that_of_both_motors():
     unknowns, gains = problem.unknowns(plant=True), [INDEX["gain1"], INDEX["gain2"]]
     assert not {*gains} & {*unknowns.entries.tolist()}
     np.testing.assert_array_equal(unknowns.models(unknowns.start)[:, gains], 0.8)
+
+
+def test_what_ends_at_a_bound_is_a_note():
+    """Of two sessions the second's offset, the shared m2 r2, and a loop that is as late as the fit allows."""
+    log = SimpleNamespace(driven=(True, False), commanded=True)
+    unknowns = Problem(integration_of(TRUTH), vector_of(TRUTH), [log, log], [0, 1], {}).unknowns(plant=True)
+    z = np.array(0.5 * (unknowns.low + unknowns.high))
+    assert not any("bound" in note for note in bound_notes(unknowns, z))
+    for session, name, ends in (
+        (0, "m2r2", unknowns.high),
+        (1, "offset1", unknowns.low),
+        (1, "delay", unknowns.high),
+    ):
+        number = unknowns.place[session, INDEX[name]]
+        z[number] = ends[number]
+    notes = bound_notes(unknowns, z)
+    value = 10 * TRUTH.m2 * TRUTH.r2
+    assert notes[0].startswith(f"at a bound of the fit: m2r2 = {value:.3g} of {value:.3g}; likely another unit")
+    assert notes[1].startswith(
+        "at a bound of the fit: offset1 @2 = -0.25 of -0.25; likely a zero that is farther off"
+    )
+    assert "delay @2 = 0.025 of 0.025" in notes[2]
+    assert "ms late" in notes[3]
 
 
 def test_a_fit_is_never_worse_than_its_start(logs, monkeypatch):

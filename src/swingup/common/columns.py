@@ -175,7 +175,10 @@ def suggest_columns(
         shift = 1 if "0" in digits.values() else 0
         for place, title in enumerate(mine, start=1):
             joint = next((j for j, word in _JOINTS.items() if re.search(word, told[title])), "")
-            joint = joint or (str(int(digits[title][:6]) + shift) if digits[title] else str(place))
+            joint = joint or (str(int(digits[title][:6]) + shift) if digits[title] else "")
+            if kind == "u" and not joint and len(mine) == 1:  # the joint that it drives is its user's to say
+                continue
+            joint = joint or str(place)
             short = kind if kind == "time" else kind + joint
             name = SHORT_NAMES.get(short, short)
             atom: str | Call = title
@@ -183,6 +186,12 @@ def suggest_columns(
                 atom = Call("atan2", tuple(Expression(((1, each),)) for each in (title, cosines[title])))
             likely.setdefault(name, MappedColumn(Expression(((1, atom),)), _unit_at_end(name, title)))
     return [likely[name].word(name) for name in names if name in likely]
+
+
+def lone_torque(titles: Sequence[str]) -> str | None:
+    """The title of a torque, where there is one alone."""
+    found = [title for title in titles if _kind_of(title) == "u"]
+    return found[0] if len(found) == 1 else None
 
 
 def find_goals(titles: Sequence[str]) -> tuple[str, str] | None:

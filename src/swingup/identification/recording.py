@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..common.columns import MappedColumn, find_goals, suggest_columns
+from ..common.columns import MappedColumn, find_goals, lone_torque, suggest_columns
 from ..common.errors import SwingupError
 from ..common.table import Table, read_table
 from .log_checks import (
@@ -174,6 +174,11 @@ def _check_torques(name: str, table: Table) -> None:
         raise SwingupError(
             f"{name} has {single} and lacks {other}: name its column, or write --columns u{single[-1]}={single} "
             f"u{other[-1]}=0 if joint {other[-1]} has no torque"
+        )
+    if (lone := lone_torque(table.unread)) is not None:
+        raise SwingupError(
+            f"{name} has {lone} and no torque of each joint: write --columns u1=0 u2={lone} where it drives the "
+            f"elbow, u1={lone} u2=0 where the shoulder, with its unit or a factor"
         )
     if likely := suggest_columns(table.unread, wanted):
         words = shlex.join(likely)

@@ -61,7 +61,7 @@ BOUND_REASONS = {
     "a friction or a rotor that the motion does not show, or one that a torque outside of the log makes up for": (
         "b1", "b2", "cf1", "cf2", "Ir"),
     "a zero that is farther off: shift the angle with --columns, as in q1=pos1+0.3": ("offset1", "offset2"),
-    "motion and torques are of different clocks, or later than the fit allows; a lag at its least is none": (
+    "different clocks of motion and torques, or a later loop than the fit allows (a lag at its least is no lag)": (
         "delay", "lag"),
 }  # fmt: skip
 """Likely reasons for a value at its bound, and the entries that they are about."""
@@ -213,19 +213,16 @@ def bound_notes(unknowns: Unknowns, z: Float[np.ndarray, "unknowns"]) -> list[st
     """A note for the values that end at a bound of the fit, with the likely reason, and one for a late loop."""
     models, notes = unknowns.models(z), list[str]()
     nearest = np.where(z - unknowns.low < unknowns.high - z, unknowns.low, unknowns.high)
-    at_bound = np.abs(z - nearest) < BOUND_SHARE * (unknowns.high - unknowns.low)
-    bounds = unknowns.models(nearest)
+    bounds, known = unknowns.models(nearest), {entry: name for name, entry in KNOWN_NAMES.items()}
+    at_bound = np.flatnonzero(np.abs(z - nearest) < BOUND_SHARE * (unknowns.high - unknowns.low))
+    # Of an entry that the sessions share, the first one's.
+    places = [tuple(np.argwhere(unknowns.place == number)[0].tolist()) for number in at_bound]
     for reason, names in BOUND_REASONS.items():
-        places = [
-            (session, entry)
-            for number in np.flatnonzero(at_bound)
-            for session, entry in np.argwhere(unknowns.place == number)[:1].tolist()
-            if NAMES[entry] in names
-        ]
         shown = [
-            f"{TITLES.get(NAMES[entry], NAMES[entry])}{_tail(session)} = {models[session, entry]:.3g} of "
+            f"{known.get(NAMES[entry], NAMES[entry])}{_tail(session)} = {models[session, entry]:.3g} of "
             f"{bounds[session, entry]:.3g}"
             for session, entry in places
+            if NAMES[entry] in names
         ]
         if shown:
             notes.append(f"at a bound of the fit: {', '.join(shown)}; likely {reason}")
