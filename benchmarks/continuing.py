@@ -1,7 +1,7 @@
 """The continuing MuJoCo tasks: reward rates while training, beside published ones of PPO.
 
 Usage: python benchmarks/continuing.py [TASK ...] [--frames 1000000] [--seeds 1] [--first-seed 2] [--study FILE]
-[--reset-cost 10] [--claims]
+[--reset-cost 10] [--stream] [--claims]
 
 TASK is a name of `swingup.continuing.CONTINUING`, such as Ant; default: all ten. Needs swingup[mujoco].
 
@@ -11,6 +11,8 @@ the deterministic rate over 10,000 steps. `--seeds 0` trains nothing and shows w
 
 Prints a table in Markdown. "Ours" is the mean rate over all steps, as in the table of reward centring in arXiv
 2501.06937, which has the figures of PPO; the share of the way has Student's 95 % interval over the seeds.
+
+`--stream` trains on one environment that is never reset (`AREAPO(..., resets="never")`) instead of on eight.
 
 With another cost of a reset the published figures do not compare. `--claims` also trains every change of `CHANGES`
 with the same seeds, and prints a verdict on each claim: how much of the way from random actions to centred PPO a
@@ -70,7 +72,7 @@ RELEVANT = 0.1
 """A difference that matters, of the way from random actions to centred PPO."""
 
 
-def train(task: str, seed: int, frames: int, change: Change) -> tuple[list[tuple[float, ...]], float]:
+def train(task: str, seed: int, frames: int, change: Change, stream: bool) -> tuple[list[tuple[float, ...]], float]:
     """A run's points, and the deterministic rate of its last policy."""
     points: list[tuple[float, ...]] = []
     offset = change.env.get("reward_offset", 0.0)
@@ -86,17 +88,22 @@ def train(task: str, seed: int, frames: int, change: Change) -> tuple[list[tuple
                 f"{task} seed {seed}: {report.frames:,} frames, reward rate {rate:.3f}, {seconds:.0f} s", flush=True
             )
 
-    # A checkpoint would reset the environments, and evaluations while training are not needed.
+    # A checkpoint would reset eight environments, and evaluations while training are not needed.
     model = AREAPO(
         lambda: gymnasium.make(f"swingup/Continuing{task}-v0", **change.env),
         seed=seed,
         evaluate_every=EVERY,
         checkpoint_every=frames,
         evaluation_episodes=0,
+        resets="never" if stream else None,
         **change.hyperparameters,
     )
     model.learn(frames, note)
-    deterministic = model.evaluate(DETERMINISTIC_STREAMS)["reward_rate"] - offset
+    judged = gymnasium.make_vec(
+        f"swingup/Continuing{task}-v0", DETERMINISTIC_STREAMS, vectorization_mode="sync", **change.env
+    )
+    deterministic = model.evaluate(env=judged)["reward_rate"] - offset
+    judged.close()
     model.close()
     return points, deterministic
 
@@ -138,11 +145,13 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=2, help="seeds are this one and those that follow")
     parser.add_argument("--study", type=Path, default=Path("benchmarks/runs/continuing.jsonl"))
     parser.add_argument("--reset-cost", type=float, default=10.0)
+    parser.add_argument("--stream", action="store_true")
     parser.add_argument("--claims", action="store_true")
     options = parser.parse_args()
     usual = options.reset_cost == 10.0
     cost = {} if usual else {"reset_cost": options.reset_cost}
     base = [] if usual else [f"cost {options.reset_cost:g}"]
+    base += ["stream"] if options.stream else []
     changes = CHANGES if options.claims else {}
     for seed in range(options.first_seed, options.first_seed + options.seeds):
         for task in options.tasks:
@@ -150,7 +159,7 @@ def main() -> None:
                 run = [task, *base, *([name] if name else [])]
                 if not Study(options.study).has(run, seed):
                     change = change._replace(env={**cost, **change.env})
-                    points, deterministic = train(task, seed, options.frames, change)
+                    points, deterministic = train(task, seed, options.frames, change, options.stream)
                     Study(options.study).add(run, seed, points, COLUMNS, deterministic=round(deterministic, 4))
     study = Study(options.study)
     heads = [

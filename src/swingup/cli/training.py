@@ -40,6 +40,7 @@ class RunOptions(TypedDict, total=False):
     """What is trained, and how often it is evaluated."""
 
     env: Annotated[str, optional("Gymnasium id of another task, as Swimmer-v5 or your.module:Task-v0.")]
+    resets: Annotated[str, optional("never: one stream, which is reset once in its life.", "never")]
     preset: Annotated[str, optional(f"named settings: {', '.join(PRESETS)}; default: those of the task.", "NAME")]
     evaluate_every: Annotated[int, optional(f"frames between evaluations; {_defaults_by_task('evaluate_every')}.")]
     checkpoint_every: Annotated[
@@ -149,6 +150,8 @@ def train_shown(run: Run, note: Callable[[TrainingReport], str] = lambda report:
         progress.log("compiling")
         run.compile()  # first, so that the estimate of the time left does not contain it
         progress("frames", run.frames, run.goal)
+        if settings.problem.stream:
+            progress.log(f"an update takes {run.backend.pause:.2f} s, in which nobody acts")
         with _stopped_by_signals(run) as received:
             for report in run.advance():
                 progress("frames", report.frames, run.goal, figures(report, note(report)))
@@ -234,11 +237,14 @@ def _show_rates(run: Run) -> None:
     Of several seeds they are those of the best one, which is named.
     """
     seed, lines = run.settings.seed + run.progress.best_seed, []
+    heads = ["frames", "reward rate", "resets per 1,000 steps", "deterministic rate"]
+    columns = heads if run.settings.evaluation_episodes else heads[:-1]
     rows = [row for row in read_metrics(run.folder / METRICS_FILE) if row["seed"] == seed]
     for part in filter(len, np.array_split(np.array(rows, object), 10)):
         rate = float(np.mean([row["reward"] for row in part]))
         resets = float(np.mean([training_resets(row) or 0.0 for row in part]))
-        lines.append([f"{part[-1]['frames']:,}", *map(shown_rate, (rate, resets, part[-1][REWARD_RATE]))])
+        line = [f"{part[-1]['frames']:,}", *map(shown_rate, (rate, resets, part[-1][REWARD_RATE]))]
+        lines.append(line[: len(columns)])
     if run.settings.seeds > 1:
         tell(f"seed {seed}, the best of {run.settings.seeds}")
-    tell_table(["frames", "reward rate", "resets per 1,000 steps", "deterministic rate"], lines)
+    tell_table(columns, lines)

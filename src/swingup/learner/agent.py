@@ -50,6 +50,7 @@ class AREAPO:
         checkpoint_every: int | None = None,
         evaluation_episodes: int | None = None,
         plant: PlantLike | None = None,
+        resets: str | None = None,
         **overrides: Any,
     ) -> None:
         """Prepare to learn.
@@ -76,6 +77,9 @@ class AREAPO:
                 The score of a continuing task is its reward rate over ``evaluation_episodes`` × 2,000 steps.
             plant: the robot's pendulum, in whose units the task is: a plant, its name or its file; None for the
                 leaderboards'.
+            resets: ``never`` for one stream: ``reset`` is called once in the environment's life, and the score is
+                the reward rate while training. A Gymnasium environment alone can be one, which then fills the
+                preset's rollout by itself.
             **overrides: hyperparameters, names of :class:`swingup.areapo.config.Config`. Without ``num_envs`` a
                 vector environment or a list keeps its number, and an environment that was passed in is one.
 
@@ -94,6 +98,7 @@ class AREAPO:
             checkpoint_every=checkpoint_every,
             evaluation_episodes=evaluation_episodes,
             plant=plant,
+            resets=resets,
         )
         self._use(start_run(settings, folder, get_preset(settings.preset).frames))
 
@@ -136,6 +141,16 @@ class AREAPO:
     def frames(self) -> int:
         """Frames learned from so far."""
         return self._run.frames
+
+    @property
+    def pause(self) -> float:
+        """Time of an update (s), for which the host's environments wait after a rollout; compiled tasks do not.
+
+        It is measured when it is first asked for, or before the first step of a stream.
+        """
+        if self._run.backend.pause is None:
+            self._run.compile()
+        return float(self._run.backend.pause or 0.0)
 
     def learn(
         self,

@@ -62,6 +62,7 @@ class AbstractBackend(abc.ABC):
     """A task, compiled or stepped by the host, on which seeds train; the state of several has a leading axis."""
 
     evaluator: AbstractEvaluator  # Scores and saves the policies
+    pause: float | None = None  # Time of an update, in which environments of the host wait (s); None: not known yet
 
     @abc.abstractmethod
     def init(self) -> LearnerState:

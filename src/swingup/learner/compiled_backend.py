@@ -51,6 +51,8 @@ RESETS_TRIED = 1024  # Resets that are inspected after training diverged
 class CompiledBackend(AbstractBackend):
     """One or several seeds of a task in JAX; several devices share the seeds."""
 
+    pause = 0.0  # Nothing waits
+
     def __init__(
         self, task: AbstractTask[Any], config: Config, seeds: Sequence[int], evaluator: AbstractEvaluator
     ) -> None:

@@ -4,11 +4,16 @@ A step returns the observation to act on next, the true next observation before 
 counts. With ``SAME_STEP`` the true next observation is in ``final_obs``. ``NEXT_STEP`` spends a row on the reset;
 until then the previous start, a draw of the same distribution, stands for the new one. With ``DISABLED`` the
 wrapper itself resets the environments whose episode ended.
+
+A stream is reset once in its life, whoever learns from it. Its environment says in ``info["late"]`` where a step's
+action came too late: the state had moved on from the observation that it was chosen for.
 """
 
 import copy
 import functools
 import multiprocessing
+import time
+import weakref
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -35,7 +40,11 @@ RESET = ("observations", "infos")
 STEP = ("observations", "rewards", "terminated", "truncated", "infos")  # What Gymnasium's methods return
 PATIENCE = 60.0  # How long the workers of an AsyncVectorEnv may take for a step or a reset (s)
 
+LATE = "late"  # Entry of a stream's info: whether the state had moved on before this step's action came
 OWN_RESETS = "own_resets"  # Attribute of continuing tasks: the resets that they made themselves, without an end
+
+RUNNING: weakref.WeakKeyDictionary[Any, Float32[np.ndarray, "envs n"]] = weakref.WeakKeyDictionary()
+"""The streams that were reset, and what each showed last: a second learner goes on where the first left off."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +56,8 @@ class HostStep:
     rewards: Float32[np.ndarray, "envs"]
     terminated: Bool[np.ndarray, "envs"]
     truncated: Bool[np.ndarray, "envs"]
-    counted: Bool[np.ndarray, "envs"]  # False where the environment did nothing but reset itself
+    counted: Bool[np.ndarray, "envs"]  # False where the environment did nothing but reset itself, or was late
+    late: Bool[np.ndarray, "envs"]  # Whether a stream had moved on before the step
 
     @property
     def ended(self) -> Bool[np.ndarray, "envs"]:
@@ -58,8 +68,10 @@ class HostStep:
 class Environments:
     """Environments side by side, with flat observations in single precision."""
 
-    def __init__(self, env: VectorEnv[Any, Any, Any], name: str | None = None, lent: bool = False) -> None:
-        """Wrap a vector environment; one that is lent is closed by its owner."""
+    def __init__(
+        self, env: VectorEnv[Any, Any, Any], name: str | None = None, lent: bool = False, stream: bool = False
+    ) -> None:
+        """Wrap a vector environment; one that is lent is closed by its owner, a stream is reset once in its life."""
         name = type(env).__name__ if name is None else name
         space, actions = (attribute(env, f"single_{each}_space") for each in ("observation", "action"))
         if not isinstance(space, Box):
@@ -85,13 +97,25 @@ class Environments:
         members: list[Any] = env.envs if isinstance(env, SyncVectorEnv) else []
         self.step_time = step_time(*members[:1] or [env])
         self._counting = [each for each in members if each.has_wrapper_attr(OWN_RESETS)]
-        self.endless = bool(self._counting)
-        """Whether these are continuing tasks, which count the resets that they make themselves."""
-        self.all_count = mode is not AutoresetMode.NEXT_STEP
-        """Whether no row is spent on a reset."""
+        self.endless = stream or bool(self._counting)
+        """Whether these are a stream or continuing tasks, which count the resets that they make themselves."""
+        self.all_count = mode is not AutoresetMode.NEXT_STEP and not stream
+        """Whether no row is spent on a reset, or late."""
+        self.stream = stream
+        self._source = (members or [env])[0].unwrapped
         self._env, self._mode, self._name, self._lent = env, mode, name, lent
         self.episodes: list[tuple[float, int]] = []
         """Return and length of each episode that ended since the last reset; who reads them may clear them."""
+        self.steps = 0  # So far
+        self.late_steps = 0  # Of a stream, within rollouts; who reads the number may set it to 0
+        self.longest_pause = 0.0  # Between an answer and the next actions (s); who reads it may set it to 0
+        self._answered: float | None = None
+        self._new_episodes()
+
+    @property
+    def latest(self) -> Float32[np.ndarray, "envs n"] | None:
+        """What a stream showed last; None before its only reset."""
+        return RUNNING.get(self._source) if self.stream else None
 
     @property
     def own_resets(self) -> int:
@@ -100,25 +124,38 @@ class Environments:
 
     def reset(self, seed: int) -> Float32[np.ndarray, "envs n"]:
         """Start new episodes in all environments, from a seed that fixes all later draws."""
-        self._starts = self._begin(seed=seed)
+        self._starts, self._answered = self._begin(seed=seed), None
+        self._new_episodes()
+        return self._starts.copy()
+
+    def _new_episodes(self) -> None:
         self._resetting = np.zeros(self.num_envs, np.bool_)
         self._returns, self._lengths = np.zeros(self.num_envs), np.zeros(self.num_envs, np.int64)
         self.episodes.clear()
-        return self._starts.copy()
 
     def step(self, actions: Shaped[np.ndarray, "envs m"]) -> HostStep:
         """Take the policy's actions in all environments."""
         counted, each = ~self._resetting, (self.num_envs,)
-        returned = self._call("step", STEP, self.actions(actions))
+        self.steps += 1
+        chosen = self.actions(actions)
+        if self._answered is not None:
+            self.longest_pause = max(self.longest_pause, time.perf_counter() - self._answered)
+        returned = self._call("step", STEP, chosen)
+        self._answered = time.perf_counter()
         observations = self._observations(returned["observations"])
         rewards = self._numbers("rewards", returned["rewards"], each)
         # A row that was spent on a reset belongs to no episode: it neither ends one nor earns a reward.
         terminated, truncated = (
             self._array(end, returned[end], each, "b") & counted for end in ("terminated", "truncated")
         )
+        late = np.zeros(self.num_envs, np.bool_)
+        if self.stream:
+            _refuse_ends(self._name, terminated, truncated)
+            late |= np.asarray(returned["infos"].get(LATE, False), np.bool_)
+            counted = ~late
         following, true_next = self._around_resets(observations, terminated | truncated, returned["infos"])
         rewards = np.where(counted, rewards, np.float32(0.0))
-        step = HostStep(following, true_next, rewards, terminated, truncated, counted)
+        step = HostStep(following, true_next, rewards, terminated, truncated, counted, late)
         self._returns += step.rewards
         self._lengths += step.counted
         for index in np.flatnonzero(step.ended):
@@ -160,7 +197,8 @@ class Environments:
 
     def _call(self, method: str, names: tuple[str, ...], *arguments: Any, **options: Any) -> dict[str, Any]:
         """Call a method of the environment; what it returns, by name."""
-        with errors_named_after(f"{method}() of {self._name}"):
+        never = "" if method == "step" or self.stream else ", or pass resets='never' if it cannot be reset again"
+        with errors_named_after(f"{method}() of {self._name}", f"correct it there{never}"):
             if type(self._env) is AsyncVectorEnv:
                 returned = _wait_for(self._env, method, *arguments, **options)
             else:
@@ -171,7 +209,10 @@ class Environments:
 
     def _observations(self, value: Any) -> Float32[np.ndarray, "envs n"]:
         shape = (self.num_envs, *self.observation_space.shape)
-        return self._numbers("observations", value, shape).reshape(self.num_envs, -1)
+        found = self._numbers("observations", value, shape).reshape(self.num_envs, -1)
+        if self.stream:
+            RUNNING[self._source] = found
+        return found
 
     def _numbers(self, what: str, value: Any, shape: tuple[int, ...]) -> Float32[np.ndarray, "..."]:
         array = self._array(what, value, shape, "fiub")
@@ -179,8 +220,12 @@ class Environments:
             # Also a copy: environments may use their buffers again.
             single = array.astype(np.float32)
         if not np.isfinite(single).all():
-            bad = array[~np.isfinite(single)][0]
-            raise SwingupError(f"{self._name} gave {what} that are not finite, {bad}: correct it there")
+            first = tuple(np.argwhere(~np.isfinite(single))[0].tolist())
+            which = f" by environment {first[0]}" if shape[:1] == (self.num_envs,) else ""
+            raise SwingupError(
+                f"{self._name} gave {what} that are not finite, {array[first]}{which} in step {self.steps}: "
+                "correct it there"
+            )
         return single
 
     def _array(self, what: str, value: Any, shape: tuple[int, ...], kinds: str) -> np.ndarray:
@@ -200,52 +245,52 @@ class Environments:
         return array
 
 
-def make_environments(env: Any, num_envs: int) -> Environments:
+def make_environments(env: Any, num_envs: int, stream: bool = False) -> Environments:
     """Environments from an id, from one that was made or a function that makes it, or from a vector environment."""
-    own, name = own_number(env), one_line(env, 200)
+    own, name = own_number(env, stream), one_line(env, 200)
     if own not in (None, num_envs):
         raise SwingupError(
             f"num_envs = {num_envs}, but env holds {own}: make them equal, or pass the function that makes one, as "
             "in AREAPO(lambda: MyEnv(...))"
         )
     if isinstance(env, VectorEnv):
-        return Environments(_checked_vector(env), lent=True)
-    found = _makers(env)
+        return Environments(_checked_vector(env), lent=True, stream=stream)
+    found = _makers(env, stream)
     makers = [found] * num_envs if callable(found) else found
     with errors_named_after(f"making {num_envs} of {quoted(env, 200)}", f"use {MAKES_SENSE}"):
-        # SAME_STEP spends no row on a reset.
-        several = SyncVectorEnv(
-            [functools.partial(_one, make) for make in makers], autoreset_mode=AutoresetMode.SAME_STEP
-        )
+        # SAME_STEP spends no row on a reset; a stream is not to be reset by itself, either.
+        mode = AutoresetMode.DISABLED if stream else AutoresetMode.SAME_STEP
+        several = SyncVectorEnv([functools.partial(_one, make, stream) for make in makers], autoreset_mode=mode)
     try:
         if len({id(each.unwrapped) for each in several.envs}) < num_envs:
             raise SwingupError(f"{name} returned the same environment again: make a new one in each call")
-        return Environments(several, name, lent=isinstance(env, gymnasium.Env) and own is not None)
+        return Environments(several, name, isinstance(env, gymnasium.Env) and own is not None, stream)
     except SwingupError:
         # The caller never sees these environments and cannot close them.
         several.close()
         raise
 
 
-def own_number(env: Any) -> int | None:
+def own_number(env: Any, stream: bool = False) -> int | None:
     """The number of environments that were passed in; None where there is something to make any number from."""
     if isinstance(env, VectorEnv):
         return int(env.num_envs)
-    makers = _makers(env)
+    makers = _makers(env, stream)
     return None if callable(makers) else len(makers)
 
 
-def _makers(env: Any) -> Sequence[Callable[[], Any]] | Callable[[], Any]:
+def _makers(env: Any, stream: bool) -> Sequence[Callable[[], Any]] | Callable[[], Any]:
     """What makes each environment of a list, or the one that was passed in; else what makes any number of them.
 
-    What ``gymnasium.make`` made does not count as passed in: its record makes more of it, with all its wrappers.
+    What ``gymnasium.make`` made does not count as passed in, except as a stream: its record makes more of it, with
+    all its wrappers.
     """
     if isinstance(env, list | tuple) and env and all(map(callable, env)):
         return env
     if isinstance(env, gymnasium.Env):
         spec = attribute(env, "spec")
         # A wrapper that records no arguments has None here.
-        if spec is None or any(wrapper.kwargs is None for wrapper in spec.additional_wrappers):
+        if stream or spec is None or any(wrapper.kwargs is None for wrapper in spec.additional_wrappers):
             return [lambda: env]
         # One window is for people; eight of them and five for the evaluation are not.
         window = {"render_mode": None} if spec.kwargs.get("render_mode") == "human" else {}
@@ -257,11 +302,25 @@ def _makers(env: Any) -> Sequence[Callable[[], Any]] | Callable[[], Any]:
     raise SwingupError(f"{type(env).__name__} {one_line(env, 200)} cannot be trained on: use {MAKES_SENSE}")
 
 
-def _one(make: Callable[[], Any]) -> gymnasium.Env[Any, Any]:
+def _refuse_ends(name: str, terminated: Any, truncated: Any) -> None:
+    """Refuse an end of a stream."""
+    if np.any(terminated):
+        raise SwingupError(
+            f"{name} terminated, but is never to be reset: return False, put it back within the step, and take the "
+            "cost from the reward"
+        )
+    if np.any(truncated):
+        raise SwingupError(
+            f"{name} truncated, but is never to be reset: make it without a limit, as "
+            "gymnasium.make(..., max_episode_steps=-1)"
+        )
+
+
+def _one(make: Callable[[], Any], stream: bool) -> gymnasium.Env[Any, Any]:
     made = make()
     if not isinstance(made, gymnasium.Env):
         raise SwingupError(f"{one_line(make, 200)} made a {type(made).__name__}: it must make a gymnasium.Env")
-    return CheckedEnvironment(made)
+    return CheckedEnvironment(made, stream)
 
 
 def _checked_vector(env: VectorEnv[Any, Any, Any]) -> VectorEnv[Any, Any, Any]:
@@ -306,12 +365,13 @@ class CheckedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     Gymnasium's own ``PassiveEnvChecker``, which ``gymnasium.make`` adds, only warns of a wrong form, and also of
     observations that train well. Later steps are checked together, for their shapes and for numbers that are not
-    finite. Infos are empty: nobody reads them, and to merge those of several costs a tenth of a step.
+    finite. Infos keep ``late`` alone: nobody reads the rest, and to merge those of several costs a tenth of a step.
     """
 
-    def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
+    def __init__(self, env: gymnasium.Env[Any, Any], stream: bool = False) -> None:
         _refuse_normalisers(env)
         super().__init__(env)
+        self._stream = stream
         self._checked: set[str] = set()
 
     def reset(
@@ -332,12 +392,15 @@ class CheckedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
         return returned[0], {}
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """The environment's step, without its infos."""
+        """The environment's step, of whose infos only ``late`` is kept."""
         returned: Any = self.env.step(action)
         if "step" not in self._checked:
             self._check("step", returned, "(observation, reward, terminated, truncated, info)")
-        observation, reward, terminated, truncated, _ = returned
-        return observation, reward, bool(terminated), bool(truncated), {}
+        observation, reward, terminated, truncated, info = returned
+        if self._stream:  # before a vector environment would take note of the end
+            _refuse_ends(one_line(self.env, 100), terminated, truncated)
+        kept = {LATE: True} if isinstance(info, Mapping) and info.get(LATE) else {}
+        return observation, reward, bool(terminated), bool(truncated), kept
 
     def _check(self, method: str, returned: Any, form: str) -> None:
         def require(holds: bool, what: str, value: Any, wanted: str) -> None:

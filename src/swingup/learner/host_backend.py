@@ -4,6 +4,7 @@ Its evaluator plays episodes in environments of its own; their mean return is th
 """
 
 import contextlib
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -35,15 +36,15 @@ from .backend import (
     split_seeds,
     summarise_episodes,
 )
-from .environments import Environments, make_environments, own_number
-from .metrics import Evaluation, TrainingMetrics, make_evaluation
+from .environments import Environments, HostStep, make_environments, own_number
+from .metrics import Evaluation, HostMetrics, TrainingMetrics, make_evaluation
 
 
 class EpisodeEvaluator(AbstractEvaluator):
     """The mean return of episodes in environments of its own, the same episodes each time."""
 
     def __init__(self, env: Any, name: str, environments: Environments, seed: int, episodes: int) -> None:
-        """Prepare for environments like those of training, which are made when they are first needed."""
+        """Prepare for environments like those of training, made when first needed; none are made where env is None."""
         space = environments.observation_space
         self.observation_space = box(space.shape, space.low, space.high)
         self._env, self.task, self._seed, self._episodes = env, name, seed, episodes
@@ -52,8 +53,8 @@ class EpisodeEvaluator(AbstractEvaluator):
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> Evaluation:
         """Means over the episodes."""
-        if own_number(self._env) is not None:
-            raise SwingupError("the environment that was passed in trains: pass evaluate another as env")
+        if self._env is None:
+            raise SwingupError("there is one environment, which trains: pass evaluate another as env")
         if episodes not in (None, self._episodes):
             # Users ask for another number once or twice; only the default number of environments is kept.
             with contextlib.closing(make_environments(self._env, episodes)) as environments:
@@ -82,18 +83,23 @@ class HostBackend(AbstractBackend):
 
     evaluator: EpisodeEvaluator
 
-    def __init__(self, env: Any, name: str, config: Config, seeds: Sequence[int], episodes: int) -> None:
-        """Make the environments; with 0 episodes of an evaluation those of training give the score."""
-        passed_in = own_number(env) is not None
+    def __init__(
+        self, env: Any, name: str, config: Config, seeds: Sequence[int], episodes: int, stream: bool = False
+    ) -> None:
+        """Make the environments; with 0 episodes of an evaluation those of training give the score.
+
+        Those of a stream are reset once in their life.
+        """
+        passed_in = own_number(env, stream) is not None
         if passed_in and len(seeds) > 1:
             raise SwingupError(
                 f"seeds = {len(seeds)}, but an environment that was passed in serves one: pass the function that "
                 "makes it"
             )
-        self._environments = [make_environments(env, config.num_envs) for _ in seeds]
+        self._environments = [make_environments(env, config.num_envs, stream) for _ in seeds]
         first = self._environments[0]
         self._config, self._seeds = config, seeds
-        self.evaluator = EpisodeEvaluator(env, name, first, seeds[0], episodes)
+        self.evaluator = EpisodeEvaluator(None if passed_in or stream else env, name, first, seeds[0], episodes)
         # It cannot be made again, and resetting it would disturb training.
         self._scored_by_training = passed_in or not episodes
         self._training_results = [Evaluation(None) for _ in seeds]  # before the first step
@@ -104,32 +110,32 @@ class HostBackend(AbstractBackend):
         return join_seeds([_init(root_key(seed, Purpose.TRAINING), spaces, self._config) for seed in self._seeds])
 
     def compile(self, state: LearnerState) -> None:
-        """Compile an iteration, the start of new episodes, and the policy for an evaluation."""
-        member, config = split_seeds(state, len(self._seeds))[0], self._config
-        observations = np.zeros(member.observations.shape, np.float32)
-        _begin.lower(member, observations).compile()
-        noise = np.zeros(_noise.lower(member.actor, member.key, config).compile().out_info.shape[1:], np.float32)
-        drawn = _sample.lower(member.actor, observations, noise).compile().out_info.latents
-        for true_next in (None, observations):
-            _advance.lower(member.actor, member.statistics, observations, true_next, noise).compile()
-        flags, rewards = np.zeros(config.num_envs, np.bool_), np.zeros(config.num_envs, np.float32)
-        latents = np.zeros(drawn.shape, drawn.dtype)
-        row = _row(
-            observations=observations, latents=latents, log_probs=rewards, rewards=rewards,
-            next_observations=observations, terminated=flags, truncated=flags, counted=flags,
-        )  # fmt: skip
-        rollout = _stacked([row] * config.num_steps, self._environments[0].all_count)
-        _update.lower(member, rollout, config).compile()
+        """Compile what training calls by an iteration on made-up steps, and time the update of another."""
+        member = split_seeds(state, len(self._seeds))[0]
+        member = _begin(member, np.zeros(member.observations.shape, np.float32))
+        for _ in range(2):
+            member, rollout = collect_on_host(member, _MadeUp(self._environments[0]), self._config)
+            began = time.perf_counter()
+            member, _ = jax.block_until_ready(_update(member, rollout, self._config))
+            self.pause = time.perf_counter() - began
         if not self._scored_by_training:
             self.evaluator.compile(self.policy(member))
 
     def begin(self, state: LearnerState, iterations: int) -> LearnerState:
-        """Reset the environments, with seeds that follow from the run's seeds and the iterations."""
+        """Reset the environments, with seeds that follow from the run's seeds and the iterations.
+
+        A running stream goes on: from what it shows, if that is not what the learner saw last.
+        """
 
         def begin(member: LearnerState, environments: Environments, seed: int) -> LearnerState:
-            # Mixed, not added: environment i takes seed + i, and sums of nearby seeds and iterations coincide.
-            mixed = int(np.random.SeedSequence([seed, iterations]).generate_state(1)[0] >> 1)
-            return _begin(member, environments.reset(mixed))
+            latest = environments.latest
+            if latest is None:
+                # Mixed, not added: environment i takes seed + i, and sums of nearby seeds and iterations coincide.
+                mixed = int(np.random.SeedSequence([seed, iterations]).generate_state(1)[0] >> 1)
+                latest = environments.reset(mixed)
+            elif np.allclose(member.statistics.stage()(latest), member.observations, atol=1e-4):
+                return member
+            return _begin(member, latest)
 
         members = split_seeds(state, len(self._seeds))
         return join_seeds(list(map(begin, members, self._environments, self._seeds)))
@@ -143,6 +149,7 @@ class HostBackend(AbstractBackend):
         resets_before = [each.own_resets for each in self._environments]
         for each in self._environments:
             each.episodes.clear()
+            each.late_steps, each.longest_pause = 0, 0.0
         for iteration in range(iterations):
             if iteration and stopping():
                 break
@@ -159,7 +166,8 @@ class HostBackend(AbstractBackend):
             ended = [float(np.mean(each)) for each in zip(*environments.episodes, strict=True)]
             episode_return, length = ended or (None, None)
             means = replace(means, termination_rate=resets)
-            found.append(TrainingMetrics(means, episode_return, length, counts_episodes=True))
+            host = HostMetrics(episode_return, length, environments.longest_pause, environments.late_steps)
+            found.append(TrainingMetrics(means, host))
             # The rates are those of all steps since the last report, also of episodes that go on.
             reward = float(means.reward)
             score = reward if environments.endless else episode_return
@@ -179,7 +187,7 @@ class HostBackend(AbstractBackend):
 
 
 def collect_on_host(
-    state: LearnerState, environments: Environments, config: Config
+    state: LearnerState, environments: "Environments | _MadeUp", config: Config
 ) -> tuple[LearnerState, Rollout]:
     """Act for ``num_steps`` in every environment, as :func:`swingup.areapo.algorithm.collect` does."""
     actor, statistics, seen = state.actor, state.statistics, np.asarray(state.observations)
@@ -188,6 +196,10 @@ def collect_on_host(
     rows = []
     for index in range(1, config.num_steps + 1):
         step = environments.step(chosen.actions)
+        if rows and step.late.any():
+            # What came before is cut off from a state that moved on by itself, as by a reset.
+            environments.late_steps += int(np.sum(step.late))
+            rows[-1] = replace(rows[-1], truncated=rows[-1].truncated | step.late)
         true_next = None if step.true_next is step.following else step.true_next
         statistics, *answer = _advance(actor, statistics, step.following, true_next, noise[index])
         following, true_next, following_chosen = fetch(answer)
@@ -203,6 +215,21 @@ def collect_on_host(
     # The last decision is dropped: the next rollout decides with its own key and the improved actor.
     after = replace(state, statistics=statistics, observations=jnp.asarray(seen))
     return after, _stacked(rows, environments.all_count)
+
+
+class _MadeUp:
+    """Steps in which nothing happens, to compile an iteration before the environments' first."""
+
+    def __init__(self, environments: Environments) -> None:
+        self.all_count, self.late_steps, self._count = environments.all_count, 0, environments.num_envs
+        self._size, self._steps = environments.spaces.observation_size, 0
+
+    def step(self, actions: Any) -> HostStep:
+        self._steps += 1
+        following, no = np.zeros((self._count, self._size), np.float32), np.zeros(self._count, np.bool_)
+        # Two programs, without and with a reset.
+        true_next = following if self._steps % 2 else following.copy()
+        return HostStep(following, true_next, np.zeros(self._count, np.float32), no, no, ~no, no)
 
 
 def _row(**fields: Any) -> Rollout:

@@ -56,20 +56,25 @@ class Evaluation:
 
 
 @dataclass(frozen=True)
+class HostMetrics:
+    """What is recorded where the host steps the environments."""
+
+    episode_return: float | None  # Mean return of the episodes that ended; None where none ended
+    episode_length: float | None  # Their mean length (steps)
+    longest_pause: float  # Longest time between an answer of the environments and the next actions (s)
+    late_steps: int  # Steps of a stream that came too late, not counting the first after an update
+
+
+@dataclass(frozen=True)
 class TrainingMetrics:
     """What one seed did in the iterations since the last report."""
 
     means: "Metrics"  # Means over the iterations
-    episode_return: float | None = None
-    """Mean return of the episodes that ended where the host steps the environments; None where none ended."""
-    episode_length: float | None = None  # Their mean length (steps)
-    counts_episodes: bool = False
-    """Whether the host steps the environments, so that returns and lengths are recorded."""
+    host: HostMetrics | None = None  # None where the task is compiled
 
     def as_dict(self) -> dict[str, float | None]:
         """Flat, as Python's numbers."""
-        episodes = {"episode_return": self.episode_return, "episode_length": self.episode_length}
-        return self.means.as_dict() | (episodes if self.counts_episodes else {})
+        return self.means.as_dict() | ({} if self.host is None else vars(self.host))
 
 
 @dataclass(frozen=True)

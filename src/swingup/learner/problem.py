@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..areapo.config import Config
+from ..common.checks import one_of
 from ..common.errors import SwingupError, one_line, quoted
 from ..controllers.stack.policy import Policy
 from ..loop.resolve import resolve
@@ -54,6 +55,8 @@ INTERVALS = {
     "robot": Intervals(checkpoint_every=1_048_576, evaluation_episodes=1),
     # A stream of 2,000 steps for every 10,000.
     "continuing task": Intervals(10_000, 1_000_000, 1),
+    # Its checkpoints do not touch it, and its steps cannot be had again.
+    "stream": Intervals(10_000, 20_000, 0),
     DM_ACROBOT: Intervals(1_048_576, 4_194_304, 128),
 }
 """The default intervals by what is trained on."""
@@ -63,6 +66,7 @@ class AbstractProblem(abc.ABC):
     """A problem with its defaults, its names, its back end and its evaluation."""
 
     name: str  # The robot, the id of an environment, or a description of an object that was passed in
+    stream: bool = False  # Whether an environment is reset once in its life
 
     @property
     @abc.abstractmethod
@@ -99,10 +103,9 @@ class AbstractProblem(abc.ABC):
     def arguments(self) -> str:
         """The arguments that name it in a call of ``swingup.AREAPO``."""
 
-    @property
-    @abc.abstractmethod
-    def num_envs(self) -> int | None:
-        """The number of environments that were passed in; None where the hyperparameters decide."""
+    def sizes(self, config: Config) -> dict[str, int]:
+        """The rollout's sizes that are not those of the preset."""
+        return {}
 
     @abc.abstractmethod
     def on(self, env: Any) -> "AbstractProblem":
@@ -146,7 +149,6 @@ class RobotProblem(AbstractProblem):
     kind, preset = PENDULUM, PENDULUM_PRESET
     intervals = INTERVALS["robot"]
     continuing = False
-    num_envs = None
 
     def __post_init__(self) -> None:
         get_robot(self.name)
@@ -207,12 +209,16 @@ class AbstractEnvironmentProblem(AbstractProblem):
 
     @property
     def record(self) -> dict[str, Any]:
-        """The id or the description."""
-        return {"robot": None, "env": self.name}
+        """The id or the description, and that it is a stream."""
+        return {"robot": None, "env": self.name, **self._resets}
+
+    @property
+    def _resets(self) -> dict[str, Any]:
+        return {"resets": "never"} if self.stream else {}
 
     def on(self, env: Any) -> AbstractProblem:
         """The problem of an environment that is passed in, under the same name."""
-        return self if env is None else _passed_in(self.name, env)
+        return self if env is None else _passed_in(self.name, env, self.stream)
 
 
 @dataclass(frozen=True)
@@ -226,7 +232,6 @@ class TaskProblem(AbstractEnvironmentProblem):
 
     intervals = INTERVALS["environment"]
     continuing = False
-    num_envs = None
     command = None
     arguments = "env"
 
@@ -268,11 +273,12 @@ class HostProblem(AbstractEnvironmentProblem):
     name: str
     env: Any = field(compare=False, repr=False)
     """The environment that the name describes; None where it is not known."""
+    stream: bool = False
 
     @property
     def continuing(self) -> bool:
-        """Whether it is one of the continuing tasks."""
-        return self.name.startswith(CONTINUING)
+        """Whether it is a stream or one of the continuing tasks."""
+        return self.stream or self.name.startswith(CONTINUING)
 
     @property
     def kind(self) -> str:
@@ -286,7 +292,9 @@ class HostProblem(AbstractEnvironmentProblem):
 
     @property
     def intervals(self) -> Intervals:
-        """The intervals of continuing tasks, of dm_control's acrobot or of environments."""
+        """The intervals of streams, continuing tasks, dm_control's acrobot or environments."""
+        if self.stream:
+            return INTERVALS["stream"]
         if self.continuing:
             return INTERVALS["continuing task"]
         return INTERVALS[DM_ACROBOT if self.kind == DM_ACROBOT else "environment"]
@@ -294,36 +302,45 @@ class HostProblem(AbstractEnvironmentProblem):
     @property
     def command(self) -> Mapping[str, Any] | None:
         """The id; None for an environment that was passed in."""
-        return None if self.name.startswith("<") else {"env": self.name}
+        return None if self.name.startswith("<") else {"env": self.name, **self._resets}
 
     @property
     def arguments(self) -> str:
         """The id, or the name ``env`` of the variable with the environment."""
-        return "env" if self.command is None else repr(self.name)
+        env = "env" if self.command is None else repr(self.name)
+        return ", ".join([env, *(f"{name}={value!r}" for name, value in self._resets.items())])
 
-    @property
-    def num_envs(self) -> int | None:
-        """The number of environments that were passed in; None for an id or what makes environments."""
-        if self.env is None or isinstance(self.env, str):
-            return None
-        # Imported here: Gymnasium is slow to load, and neither robots nor ids need it yet.
-        from .environments import own_number
+    def sizes(self, config: Config) -> dict[str, int]:
+        """The number of environments that were passed in; of a stream one, which fills the preset's rollout."""
+        number = None
+        if self.env is not None and not isinstance(self.env, str):
+            # Imported here: Gymnasium is slow to load, and neither robots nor ids need it yet.
+            from .environments import own_number
 
-        return own_number(self.env)
+            number = own_number(self.env, self.stream)
+        if self.stream:
+            number = number or 1
+            return {"num_envs": number, "num_steps": max(1, config.rollout_size // number)}
+        return {} if number is None else {"num_envs": number}
 
     def check_episodes(self, episodes: int) -> None:
-        """Any number can be had: with 0, the training episodes give the score."""
+        """Refuse to evaluate on a stream. Else any number can be had: with 0, the training episodes give the score."""
+        if self.stream and episodes:
+            raise SwingupError(
+                f"evaluation_episodes = {episodes}, but a stream is scored by its reward rate while training: "
+                "leave it out"
+            )
 
     def backend(self, preset: str, config: Config, seeds: Sequence[int], episodes: int) -> AbstractBackend:
         """The host's back end; dm_control's acrobot has a task in JAX for its own preset."""
         if self.env is None:
             raise SwingupError(f"this run's environment was passed in ({self.name}): pass it again as env")
-        if preset == ACROBOT_PRESET and isinstance(self.env, str) and self.env in ACROBOT_IDS:
+        if not self.stream and preset == ACROBOT_PRESET and isinstance(self.env, str) and self.env in ACROBOT_IDS:
             practice = _passed_in(self.name, acrobot_practice(ACROBOT_IDS[self.env]))
             return practice.backend(preset, config, seeds, episodes)
         from .host_backend import HostBackend
 
-        return HostBackend(self.env, self.name, config, seeds, episodes)
+        return HostBackend(self.env, self.name, config, seeds, episodes, self.stream)
 
     def evaluate(self, policy: Policy[Any], seed: int, episodes: int | None, trained: Any) -> Evaluation:
         """Play episodes in new environments, or in the one that was passed in."""
@@ -332,17 +349,20 @@ class HostProblem(AbstractEnvironmentProblem):
         return play_once(policy, self.env, episodes, seed, trained)
 
 
-def make_problem(env: Any, plant: PlantLike | None = None) -> AbstractProblem:
+def make_problem(env: Any, plant: PlantLike | None = None, resets: str | None = None) -> AbstractProblem:
     """The problem of anything that ``swingup.AREAPO`` takes as ``env``; a robot may have another plant.
 
     Raises:
-        SwingupError: the environment cannot be adapted, or a plant is given without a robot.
+        SwingupError: the environment cannot be adapted, a plant is given without a robot, or what is compiled is
+            never to be reset.
     """
-    if isinstance(env, str) and env in ROBOTS:
+    if resets is not None:
+        one_of("resets", resets, ("never",))
+    if isinstance(env, str) and env in ROBOTS and resets is None:
         return RobotProblem(env, LEADERBOARD if plant is None else resolve(plant).facts)
     if plant is not None:
         raise SwingupError(f"a plant goes with a robot, not with {one_line(env, 80)}")
-    return _passed_in(None, env)
+    return _passed_in(None, env, resets is not None)
 
 
 def problem_from_record(content: Mapping[str, Any]) -> AbstractProblem:
@@ -357,17 +377,21 @@ def problem_from_record(content: Mapping[str, Any]) -> AbstractProblem:
         return RobotProblem(robot, plant)
     if facts is not None:
         raise SwingupError(f"a plant goes with a robot, not with {one_line(env, 80)}")
-    return HostProblem(env, None if env.startswith("<") else env)
+    return HostProblem(env, None if env.startswith("<") else env, content.get("resets") == "never")
 
 
-def _passed_in(name: str | None, env: Any) -> AbstractProblem:
+def _passed_in(name: str | None, env: Any, stream: bool = False) -> AbstractProblem:
     """The problem of an environment that was passed in, by its own name or a given one."""
     adapted = as_task(env)
     name = _describe(adapted) if name is None else name
+    if stream and (isinstance(adapted, AbstractTask) or name in ROBOTS):
+        raise SwingupError(
+            f"resets = 'never' is for Gymnasium's environments: {name} is compiled, and its checkpoints hold its state"
+        )
     if isinstance(adapted, AbstractTask):
         # What dm_control's acrobot is learnt on is judged on the task itself.
         return TaskProblem(name, adapted, getattr(adapted, "judged", None))
-    return HostProblem(name, adapted)
+    return HostProblem(name, adapted, stream)
 
 
 def _describe(env: Any) -> str:

@@ -122,7 +122,7 @@ class Run:
         self._stopping = True
 
     def compile(self) -> None:
-        """Compile now; otherwise ``advance`` compiles in its first chunk."""
+        """Compile now; otherwise ``advance`` compiles in its first chunk, except for a stream, which cannot wait."""
         self.backend.compile(self.progress.state)
 
     def advance(self) -> Iterator[TrainingReport]:
@@ -142,6 +142,8 @@ class Run:
         with locked, nothing if folder is None else MetricsWriter(folder.path, self.frames) as writer:
             if folder is not None:
                 write_run_settings(folder.path, self.settings, self.goal)
+            if self.settings.problem.stream and self.backend.pause is None:
+                self.compile()
             mark, saved, self._fresh = time.perf_counter(), True, True
             while (before := self.progress.iterations) < target and not self._stopping:
                 metrics = self._train_chunk(self.settings.next_stop(before, target) - before)

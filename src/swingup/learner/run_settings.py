@@ -28,7 +28,7 @@ MALFORMED = (KeyError, TypeError, ValueError, AttributeError, OverflowError, Rec
 
 MINIMUM = {"seed": 0, "seeds": 1, "evaluate_every": 1, "checkpoint_every": 1, "evaluation_episodes": 0}
 """Minimum values of the fields that are whole numbers."""
-SETTINGS = ("preset", *MINIMUM, "plant")
+SETTINGS = ("preset", *MINIMUM, "plant", "resets")
 """Fields that a user gives beside the hyperparameters, to suggest for a misspelt one."""
 
 
@@ -120,15 +120,15 @@ def make_run_settings(
     preset: str | None = None,
     changes: Mapping[str, Any] | None = None,
     plant: PlantLike | None = None,
+    resets: str | None = None,
     **given: Any,
 ) -> RunSettings:
     """The settings of a run, with the defaults of its preset and its problem for what is None or left out."""
-    problem = make_problem(env, plant)
+    problem = make_problem(env, plant, resets)
     chosen = problem.choose_preset(preset)
     defaults = get_preset(chosen)
     # From names, so that misspelt ones are found.
-    own = {} if problem.num_envs is None else {"num_envs": problem.num_envs}
-    config = vars(defaults.config) | own | dict(changes or {})
+    config = vars(defaults.config) | problem.sizes(defaults.config) | dict(changes or {})
     values = {"seed": 0, "seeds": defaults.seeds, **vars(problem.intervals)}
     values |= {name: value for name, value in given.items() if value is not None}
     return RunSettings(problem, chosen, config=config_from_dict(config, ("env", "folder", *SETTINGS)), **values)
@@ -155,7 +155,7 @@ def settings_of_policy(metadata: Mapping[str, Any], env: Any = None) -> RunSetti
 def run_settings_from_dict(content: Any) -> RunSettings:
     """The settings of a ``RunSettings.as_dict``; those that an older version did not have get their defaults."""
     try:
-        own = {name: value for name, value in content.items() if name not in ("robot", "env", "plant")}
+        own = {name: value for name, value in content.items() if name not in ("robot", "env", "plant", "resets")}
         return RunSettings(problem_from_record(content), **{**own, "config": config_from_dict(content["config"])})
     except MALFORMED as error:
         raise SwingupError(f"the settings are malformed ({type(error).__name__}: {one_line(error, 80)})") from error
