@@ -1,4 +1,4 @@
-"""One stream that is never reset: its only reset, its pauses, late steps, and a learner that goes on after a load."""
+"""One stream that is never reset: its only reset, its pauses and late steps, and how a loaded learner goes on."""
 
 import gymnasium
 import numpy as np
@@ -80,7 +80,7 @@ def test_late_steps_are_counted_and_cut_the_stream():
     environments = make_environments(Plant(late=(1, 6, 7)), 1, stream=True)
     backend = model._run.backend
     backend._environments = [environments]
-    state, rollout = collect_on_host(backend.begin(model._run.progress.state, 0), environments, model.config)
+    _, rollout = collect_on_host(backend.begin(model._run.progress.state, 0), environments, model.config)
     assert np.flatnonzero(rollout.counted[:, 0] == 0.0).tolist() == [0, 5, 6]
     # What came before a late step is cut off from it.
     assert np.flatnonzero(rollout.truncated[:, 0]).tolist() == [4, 5]
@@ -105,12 +105,12 @@ def test_what_is_one_stream():
     )
     assert AREAPO([Plant, Plant], resets="never").config.num_steps == 1000
     for env in (Lever(), "acrobot"):
-        assert "is compiled, and its checkpoints hold its state" in refusal(AREAPO, env, resets="never")
+        assert "is compiled, and checkpoints hold its state" in refusal(AREAPO, env, resets="never")
     assert "resets" in refusal(AREAPO, Plant, resets="sometimes")
     assert "scored by its reward rate" in refusal(AREAPO, Plant, resets="never", evaluation_episodes=3)
 
 
-@pytest.mark.parametrize("ends, message", [
+@pytest.mark.parametrize(("ends", "message"), [
     ((True, False), "terminated, but is never to be reset: return False"),
     ((False, True), "truncated, but is never to be reset: make it without a limit"),
 ])  # fmt: skip
@@ -144,39 +144,59 @@ class Queue(gymnasium.Env):
         return np.array([self.waiting / self.ROOM]), float(reward), False, False, {}
 
 
-def optimal_rate():
-    """The queue's best long-run rate, by relative value iteration: v + rate = max over a of r + P v."""
+def queue_rate(chosen=None):
+    """The queue's long-run rate under chosen services, or its best one; and what is chosen.
+
+    By relative value iteration: v + rate = r + P v, or the maximum of this over the services.
+    """
     waiting = np.arange(Queue.ROOM + 1)
     values, fewer = np.zeros(len(waiting)), np.maximum(waiting - 1, 0)
     for _ in range(5000):
         after = 0.4 * values[np.minimum(waiting + 1, Queue.ROOM)] + 0.6 * values
         after_service = 0.4 * values[np.minimum(fewer + 1, Queue.ROOM)] + 0.6 * values[fewer]
-        choices = [(1 - p) * after + p * after_service - waiting - cost for p, cost in ((0.3, 0.0), (0.6, 6.0))]
-        best = np.max(choices, axis=0)
+        options = [(1 - p) * after + p * after_service - waiting - cost for p, cost in ((0.3, 0.0), (0.6, 6.0))]
+        best = np.max(options, axis=0) if chosen is None else np.choose(chosen, options)
         rate, values = best[0] - values[0], best - best[0]
-    return rate, np.argmax(choices, axis=0)
+    return rate, np.argmax(options, axis=0) if chosen is None else chosen
 
 
 @pytest.mark.slow
-def test_a_queue_is_served_at_the_optimal_rate():
-    """Its best policy serves fast from two customers on; the exploring one and the gain come near its rate."""
-    rate, choices = optimal_rate()
+def test_a_queue_is_served_almost_at_the_optimal_rate():
+    """Its best policy serves fast from two customers on, and the gain is the rate of the exploring one."""
+    rate, chosen = queue_rate()
     assert rate == pytest.approx(-4.669, abs=1e-3)  # as the stationary distribution of that threshold gives it
-    assert choices.tolist() == [0, 0, *[1] * 9]
+    assert chosen.tolist() == [0, 0, *[1] * 8, 0]  # where the room is full, nobody is added
+    # The thresholds beside it, and the slow service alone.
+    assert [round(queue_rate([0] * n + [1] * (11 - n))[0], 3) for n in (1, 3, 11)] == [-5.197, -4.902, -8.297]
     rows = []
     model = AREAPO(Queue(), seed=1, resets="never", evaluate_every=20_000)
     model.learn(120_000, lambda model, report: rows.append(report.best))
-    print(rate, [(row.reward, row.gain) for row in rows])
-    print(model.predict(np.arange(Queue.ROOM + 1)[:, None] / Queue.ROOM))
-    assert rows[-1].reward == pytest.approx(rate, abs=0.3)
-    assert rows[-1].gain == pytest.approx(rate, abs=0.3)
+    learned = model.predict(np.arange(Queue.ROOM + 1)[:, None] / Queue.ROOM)[0]
+    assert queue_rate(learned)[0] > rate - 0.3
+    assert rows[-1].reward == pytest.approx(rate, abs=0.6)  # by 20,000 steps and with its exploration
+    assert rows[-1].gain == pytest.approx(rows[-1].reward, abs=0.05)
 
 
 def test_the_command_says_how_long_nobody_acts(tmp_path, capsys):
     sizes = "--num-steps 32 --batch-size 32 --num-epochs 1 --policy-layers 8 --value-layers 8 --evaluate-every 64"
     out = tmp_path / "run"
-    assert main(["train", "--env", "swingup/ContinuingReacher-v0", "--resets", "never", "--frames", "128",
-                 "--out", str(out), *sizes.split()]) == 0
+    assert (
+        main(
+            [
+                "train",
+                "--env",
+                "swingup/ContinuingReacher-v0",
+                "--resets",
+                "never",
+                "--frames",
+                "128",
+                "--out",
+                str(out),
+                *sizes.split(),
+            ]
+        )
+        == 0
+    )
     told = capsys.readouterr()
     assert "in which nobody acts" in told.err + told.out
     assert "deterministic" not in told.out

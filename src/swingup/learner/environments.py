@@ -71,7 +71,7 @@ class Environments:
     def __init__(
         self, env: VectorEnv[Any, Any, Any], name: str | None = None, lent: bool = False, stream: bool = False
     ) -> None:
-        """Wrap a vector environment; one that is lent is closed by its owner, a stream is reset once in its life."""
+        """Wrap a vector environment; its owner closes one that is lent. A stream is reset once in its life."""
         name = type(env).__name__ if name is None else name
         space, actions = (attribute(env, f"single_{each}_space") for each in ("observation", "action"))
         if not isinstance(space, Box):

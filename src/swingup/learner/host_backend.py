@@ -44,7 +44,7 @@ class EpisodeEvaluator(AbstractEvaluator):
     """The mean return of episodes in environments of its own, the same episodes each time."""
 
     def __init__(self, env: Any, name: str, environments: Environments, seed: int, episodes: int) -> None:
-        """Prepare for environments like those of training, made when first needed; none are made where env is None."""
+        """Prepare for environments like those of training, made when first needed; with None none are made."""
         space = environments.observation_space
         self.observation_space = box(space.shape, space.low, space.high)
         self._env, self.task, self._seed, self._episodes = env, name, seed, episodes
@@ -193,7 +193,7 @@ def collect_on_host(
     actor, statistics, seen = state.actor, state.statistics, np.asarray(state.observations)
     noise = fetch(_noise(actor, state.key, config))
     chosen = fetch(_sample(actor, seen, noise[0]))
-    rows = []
+    rows: list[Rollout] = []
     for index in range(1, config.num_steps + 1):
         step = environments.step(chosen.actions)
         if rows and step.late.any():

@@ -324,7 +324,7 @@ class HostProblem(AbstractEnvironmentProblem):
         return {} if number is None else {"num_envs": number}
 
     def check_episodes(self, episodes: int) -> None:
-        """Refuse to evaluate on a stream. Else any number can be had: with 0, the training episodes give the score."""
+        """Refuse to evaluate on a stream. Otherwise, with 0, the training episodes give the score."""
         if self.stream and episodes:
             raise SwingupError(
                 f"evaluation_episodes = {episodes}, but a stream is scored by its reward rate while training: "
@@ -386,7 +386,7 @@ def _passed_in(name: str | None, env: Any, stream: bool = False) -> AbstractProb
     name = _describe(adapted) if name is None else name
     if stream and (isinstance(adapted, AbstractTask) or name in ROBOTS):
         raise SwingupError(
-            f"resets = 'never' is for Gymnasium's environments: {name} is compiled, and its checkpoints hold its state"
+            f"resets = 'never' is for Gymnasium's environments: {name} is compiled, and checkpoints hold its state"
         )
     if isinstance(adapted, AbstractTask):
         # What dm_control's acrobot is learnt on is judged on the task itself.

@@ -122,7 +122,7 @@ class Run:
         self._stopping = True
 
     def compile(self) -> None:
-        """Compile now; otherwise ``advance`` compiles in its first chunk, except for a stream, which cannot wait."""
+        """Compile now; otherwise ``advance`` does in its first chunk, for a stream before its first step."""
         self.backend.compile(self.progress.state)
 
     def advance(self) -> Iterator[TrainingReport]:
