@@ -128,7 +128,7 @@ class Lottery(Lever):
 
 
 def test_each_step_of_an_evaluation_has_a_key_of_its_own():
-    evaluator = compiled_backend.ReturnEvaluator(Lottery(), 0, 3)
+    evaluator = compiled_backend.ReturnEvaluator(Lottery(), 0, 3, "lottery")
     assert evaluator.evaluate(jax.tree_util.Partial(lambda observation: jnp.zeros(1, int))).score == 10.0
 
 
