@@ -145,9 +145,9 @@ def settings_of_policy(metadata: Mapping[str, Any], env: Any = None) -> RunSetti
     preset, changes = metadata.get("preset"), metadata.get("hyperparameters")
     # An older file may have hyperparameters that are gone.
     changes = {name: changes[name] for name in HYPERPARAMETERS if isinstance(changes, Mapping) and name in changes}
-    own = {} if problem.num_envs is None else {"num_envs": problem.num_envs}
     chosen = problem.choose_preset(preset if str(preset) in PRESETS else None)
-    config = config_from_dict(vars(get_preset(chosen).config) | changes | own)
+    usual = get_preset(chosen).config
+    config = config_from_dict(vars(usual) | changes | problem.sizes(usual))
     seed = whole_number("seed", metadata.get("seed", 0), 0)
     return RunSettings(problem, chosen, seed, 1, **vars(problem.intervals), config=config)
 
