@@ -160,8 +160,8 @@ class AREAPO:
     ) -> "AREAPO":
         """Learn from more frames (rounded up to whole iterations), and return the learner itself.
 
-        A second call continues. Each call starts by resetting the environments that the host steps. After an
-        error the learner is as after the last whole chunk.
+        A second call continues. Each call starts by resetting the environments that the host steps, except a
+        stream that is never reset. After an error the learner is as after the last whole chunk.
 
         Args:
             total_timesteps: number of frames of each seed, of all environments together.
@@ -235,7 +235,7 @@ class AREAPO:
         """Write the complete state of all seeds: a loaded learner continues as this one does, bit for bit.
 
         The state of environments that the host steps cannot be saved: both learners reset them first, also where a
-        callback saves.
+        callback saves; a stream that is never reset goes on as it is.
         """
         state, metadata = self._run.snapshot()
         save_checkpoint(path, state, metadata)
