@@ -60,7 +60,7 @@ FAULTS = {
 
 
 def guarded(name="pendubot-ar-eapo", **settings):
-    return dataclasses.replace(policy(name), guard=GuardSettings(**settings))
+    return dataclasses.replace(policy(name), guard=GuardSettings(watched=0.0, **settings))
 
 
 def run(controller, times, states):
@@ -148,7 +148,9 @@ def test_the_torque_changes_no_faster_than_allowed_and_must_be_finite():
     assert controller.guard.fault.reason == Reason.TORQUE
 
 
-@pytest.mark.parametrize("guard", [True, False, GuardSettings(braking=5.0)], ids=["guard", "none", "braking"])
+@pytest.mark.parametrize(
+    "guard", [True, False, GuardSettings(braking=5.0, watched=0.0)], ids=["guard", "none", "braking"]
+)
 @pytest.mark.parametrize(
     "name", ["acrobot-adaptive", pytest.param("pendubot-adaptive", marks=pytest.mark.slow), "acrobot-estimated"]
 )

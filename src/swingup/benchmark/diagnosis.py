@@ -41,6 +41,7 @@ from ..policy.guard import Fault, Guard, GuardSettings, choose_guard
 from ..policy.numpy_backend import numpy_controller
 from ..policy.pendulum import PendulumPolicy
 from ..policy.shipped import SHIPPED_POLICIES, load_pendulum_policy
+from ..policy.wiring import WiringWatch
 from .board import TipHistory
 from .boards import HARDWARE
 from .recording import driven_robot
@@ -387,7 +388,9 @@ class _Case:
 
     def _fault(self, states: np.ndarray) -> Fault | None:
         """What the policy's guard stops on, at the log's rows."""
-        guard = Guard(self.guard, self.robot.joint, self.policy.torque_limits)
+        policy, joint = self.policy, self.robot.joint
+        watch = WiringWatch(policy.plant, joint, policy.torque_limits[joint], policy.period)
+        guard = Guard(self.guard, joint, policy.torque_limits, watch)
         for t, x, u in zip(self.recording.time, states, self.recording.u, strict=True):
             if not guard.accepts_measurement(float(t), x):
                 return guard.fault

@@ -15,9 +15,17 @@ from ..plant.base_parameters import BASE, base_parameters, lumped
 from ..plant.equations import COULOMB_STEEPNESS, mass_entries
 from ..plant.momentum import CLOSE_RATES
 from ..plant.units import C1, arm_scales, scaled, similar_plant
-from ..policy import estimator, identifier, regulator
+from ..policy import estimator, identifier, regulator, wiring
 from ..policy.estimator import EstimatorConstants, estimator_constants
-from ..policy.guard import MAX_BRAKED_RATIO, MAX_STANDSTILLS, PUSHING_SHARE, REASON_TEXTS, GuardSettings, Reason
+from ..policy.guard import (
+    MAX_BRAKED_RATIO,
+    MAX_STANDSTILLS,
+    PUSHING_SHARE,
+    REASON_TEXTS,
+    WIRING_REASONS,
+    GuardSettings,
+    Reason,
+)
 from ..policy.identifier import IdentifierConstants
 from ..policy.network import NormaliseStage, PendulumStage, PlantStage
 from ..policy.numpy_backend import regulator_loop
@@ -235,4 +243,30 @@ def guard_data(settings: GuardSettings, policy: PendulumPolicy) -> Data:
         "MAX_STANDSTILLS": MAX_STANDSTILLS,
         "PUSHING_SHARE": PUSHING_SHARE,
         "BRAKED_RATE": MAX_BRAKED_RATIO * settings.velocity_limit,
+        **_watch_data(policy),
+    }
+
+
+WATCHED_CONSTANTS = (
+    "CLOCK_TIME", "PUSH_SHARE", "STRONG_SHARE", "STRONG_BLOCKS", "STILL_SHARE", "BETTER_SHARE", "MANY_SHARE",
+    "MANY_BLOCKS", "MIN_PERIOD", "MAX_PERIOD",
+)  # fmt: skip
+
+
+def _watch_data(policy: PendulumPolicy) -> Data:
+    """What the guard looks at in the first second."""
+    rows = [
+        (*each.signs, each.crossed, each.torque, each.exchanged, *reason)
+        for each, reason in zip(wiring.WIRINGS, WIRING_REASONS, strict=True)
+    ]
+    return {
+        "WIRINGS": len(wiring.WIRINGS),
+        "wirings": np.array(rows, float),
+        "PERIOD": policy.period or 0.0,
+        "WATCHED_BLOCK": wiring.BLOCK,
+        "WATCHED_BLOCKS": wiring.MIN_BLOCKS,
+        "WATCHED_LATE": wiring.LATE,
+        "WATCHED_FAST": wiring.FAST,
+        "WATCHED_WRONG": wiring.WRONG,
+        **{name: getattr(wiring, name) for name in WATCHED_CONSTANTS},
     }

@@ -34,6 +34,7 @@ import numpy as np
 from ..common.errors import SwingupError, quoted
 from ..plant.plant import Robot
 from .guard import Fault, Guard, GuardSettings
+from .wiring import WiringWatch
 
 
 def four_numbers(x: Any) -> np.ndarray:
@@ -72,11 +73,16 @@ class LoopController(Generic[SourceT]):
     """
 
     def __init__(
-        self, inner: SourceT, robot: Robot, limits: tuple[float, float], guard: GuardSettings | None = None
+        self,
+        inner: SourceT,
+        robot: Robot,
+        limits: tuple[float, float],
+        guard: GuardSettings | None = None,
+        watch: WiringWatch | None = None,
     ) -> None:
-        """Take what computes the torques, and the torque limits of shoulder and elbow (N m)."""
+        """Take what computes the torques, the torque limits of both joints (N m), and what a guard watches."""
         self.inner, self.robot, self.torque_limits = inner, robot, limits
-        self.guard = None if guard is None else Guard(guard, robot.joint, limits)
+        self.guard = None if guard is None else Guard(guard, robot.joint, limits, watch)
         self._limits = np.array(limits)
         self._passive = 1 - robot.joint
         self._own, self._acted = np.zeros(2), -math.inf

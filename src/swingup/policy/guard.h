@@ -4,7 +4,7 @@
 #ifndef SWINGUP_GUARD_H
 #define SWINGUP_GUARD_H
 
-#include "numbers.h"
+#include "wiring.h"
 
 typedef struct {
     int reason;         /* why the controller was stopped; SWINGUP_GUARD_NONE while it acts */
@@ -16,6 +16,9 @@ typedef struct {
     double step;                  /* since the one before (s) */
     double sample[4], torques[2]; /* last finite measurement, and torques */
     double gaps[2], stuck;        /* time for which a joint has shown nothing new, and stood still (s) */
+#if SWINGUP_HAS_GUARD
+    swingup_watch watch;
+#endif
 } swingup_guard;
 
 #if SWINGUP_HAS_GUARD
@@ -79,6 +82,30 @@ static inline void swingup_check(swingup_guard *c, const double x[4], int first)
     }
 }
 
+/* What the first second shows. */
+static inline void swingup_watch_wiring(swingup_guard *c, double t, double pause, int first)
+{
+    double period;
+    int wrong;
+    if (SWINGUP_GUARD_WATCHED == 0.0) {
+        return;
+    }
+    c->watch.age += pause;
+    period = swingup_wrong_period(&c->watch, t, pause, first);
+    if (period > 0.0) {
+        swingup_stop(c, SWINGUP_GUARD_PERIOD, -1, period);
+        return;
+    }
+    if (c->watch.age > SWINGUP_GUARD_WATCHED) {
+        return;
+    }
+    wrong = swingup_wrong_wiring(&c->watch, t, c->sample, c->torques, pause);
+    if (wrong > 0) {
+        const double *row = swingup_wirings[wrong];
+        swingup_stop(c, (int)row[5], (int)row[6], c->torques[SWINGUP_DRIVEN]);
+    }
+}
+
 /* Whether the controller may act on the state x measured at time t (s). */
 static inline int swingup_allows(swingup_guard *c, swingup_time t, const double x[4])
 {
@@ -102,6 +129,9 @@ static inline int swingup_allows(swingup_guard *c, swingup_time t, const double 
     }
     c->step = first || pause == 0.0 ? SWINGUP_GUARD_DT : pause;
     swingup_check(c, x, first);
+    if (c->reason == SWINGUP_GUARD_NONE) {
+        swingup_watch_wiring(c, now, first ? 0.0 : pause, first);
+    }
     return c->reason == SWINGUP_GUARD_NONE;
 }
 

@@ -12,18 +12,20 @@ and h = p, or dt at the first call and where p = 0. The first of these that hold
 5. STALE: s_i > ``longest_gap``, or w > ``stuck_time``. w grows by h where the driven joint's q and v repeat or are
    not finite and the last torque was above L/2; else it is 0.
    A pendulum may thus hang or stand still for ever.
+6. PERIOD, ENCODER, MOTOR, SWAPPED, UNDRIVEN: in the first second of a run the clock, or the motion under the
+   torques, is not that of the policy's loop and plant (``wiring.py``).
 
 Without a fault, now or before, the controller computes its torques u from z. In a shorter gap an estimator predicts
 the state. A controller that has none gives NaN for a state that is not finite, and the last torques are held.
 
-6. TORQUE: a torque of u is not finite, though z is.
-7. Otherwise u_i is limited to within r h of the last call's torque, 0 before the first, and then to L_i. A
+7. TORQUE: a torque of u is not finite, though z is.
+8. Otherwise u_i is limited to within r h of the last call's torque, 0 before the first, and then to L_i. A
    torque that changes too fast is limited and no fault: it moves the pendulum less than asked, while a stop
    would drop it.
 
 Once latched, all torques are 0 at once, whatever r is. If ``braking`` is above 0 and the fault was ANGLE,
 VELOCITY or TORQUE, they are -k_d v_i within L_i, and 0 in calls with |v_i| above twice its limit. Braking ends
-for good at the first call with another fault (1 to 5): nothing brakes by a broken measurement.
+for good at the first call with another fault (1 to 6): nothing brakes by a broken measurement.
 """
 
 import math
@@ -36,6 +38,7 @@ import numpy as np
 
 from ..common.errors import SwingupError
 from ..common.settings import Range, Settings, read_settings
+from .wiring import WiringWatch
 
 MAX_STANDSTILLS = 10
 """Maximum number of calls in a row at the same time: a loop may call twice for one measurement."""
@@ -55,6 +58,11 @@ class Reason(IntEnum):
     LATE = 5
     CLOCK = 6
     TORQUE = 7
+    PERIOD = 8
+    ENCODER = 9
+    MOTOR = 10
+    SWAPPED = 11
+    UNDRIVEN = 12
 
 
 REASON_TEXTS = (
@@ -66,10 +74,33 @@ REASON_TEXTS = (
     "the time since the last call is beyond the limit",
     "the clock runs backward, stands still or is not a finite number",
     "the controller's torque is not a finite number",
+    "the time between calls is not the policy's",
+    "a joint's encoder counts against its torque: it is reversed",
+    "the motors turn against their torques: they are reversed",
+    "encoders or motors of shoulder and elbow are swapped",
+    "the torque does not arrive: the joints do not move as it says",
 )
 """The reasons in words, by their number."""
 
-_UNITS = {Reason.ANGLE: " rad", Reason.VELOCITY: " rad/s", Reason.STALE: " s", Reason.LATE: " s"}
+_UNITS = {
+    Reason.ANGLE: " rad",
+    Reason.VELOCITY: " rad/s",
+    Reason.STALE: " s",
+    Reason.LATE: " s",
+    Reason.PERIOD: " s",
+}
+
+WIRING_REASONS = (
+    (Reason.NONE, -1),
+    (Reason.ENCODER, 0),
+    (Reason.ENCODER, 1),
+    (Reason.MOTOR, -1),
+    (Reason.SWAPPED, -1),
+    (Reason.SWAPPED, -1),
+    (Reason.SWAPPED, -1),
+    (Reason.UNDRIVEN, -1),
+)
+"""The reason and the joint for each of ``wiring.WIRINGS``."""
 
 MOTION_REASONS = (Reason.ANGLE, Reason.VELOCITY, Reason.TORQUE)
 """Reasons that leave the measurement sound: only after these may a guard brake."""
@@ -105,6 +136,9 @@ class GuardSettings(Settings):
     """Maximum time (s) for which the driven joint's measurement may repeat under more than half its torque."""
     torque_rate: Annotated[float | None, Range(1e-6, 1e6)] = None
     """Maximum rate of change of the torques (N m/s), which limits them; None: the motor's limit within ``dt``."""
+    watched: Annotated[float, Range(0.0, 1e6)] = 1.0
+    """Time from the first call in which the guard looks at the wiring (s); with 0 it never does, nor at the period:
+    for a controller that is shown a motion which is not its own."""
     braking: Annotated[float, Range(0.0, 1e3)] = 0.0
     """Damping kd of a stopped joint (N m s/rad): its torque is -kd q̇ within its limit. At 0 all torques are 0."""
 
@@ -151,9 +185,14 @@ def choose_guard(choice: GuardChoice, own: GuardSettings | None, dt: float | Non
 class Guard:
     """Watches one loop. A call asks ``accepts_measurement``, then ``limit_torques``, or ``stop_torques`` if not."""
 
-    def __init__(self, settings: GuardSettings, joint: int, limits: tuple[float, float]) -> None:
-        """Prepare for a loop, whose motors have torque limits of shoulder and elbow (N m)."""
-        self.settings, self._joint, self._limits = settings, joint, limits
+    def __init__(
+        self, settings: GuardSettings, joint: int, limits: tuple[float, float], watch: WiringWatch | None = None
+    ) -> None:
+        """Prepare for a loop, whose motors have torque limits of shoulder and elbow (N m).
+
+        Without a ``watch`` the first second is as any other.
+        """
+        self.settings, self._joint, self._limits, self._watch = settings, joint, limits, watch
         self._rate = settings.rate(limits[joint])
         self.reset()
 
@@ -168,6 +207,9 @@ class Guard:
         self._measurement_broken = False
         self._standstills = 0
         self._brakes = False
+        self._age = 0.0
+        if self._watch is not None:
+            self._watch.reset()
 
     def accepts_measurement(self, t: float, x: np.ndarray) -> bool:
         """Whether the controller may act on the state x (4,) (rad, rad/s) measured at time t (s)."""
@@ -226,7 +268,21 @@ class Guard:
             return Fault(Reason.LATE, t, -1, pause)
         # A loop that calls twice at one time must not stop the gaps from growing.
         self._step = self.settings.dt if first or pause == 0 else pause
-        return self._measurement_fault(t, x, first)
+        fault = self._measurement_fault(t, x, first)
+        return self._wiring_fault(t, 0.0 if first else pause) if fault is None else fault
+
+    def _wiring_fault(self, t: float, pause: float) -> Fault | None:
+        """What the first second shows."""
+        if self._watch is None or self.fault is not None or self.settings.watched == 0:
+            return None
+        self._age += pause
+        if (period := self._watch.wrong_period(t, pause)) is not None:
+            return Fault(Reason.PERIOD, t, -1, period)
+        if self._age > self.settings.watched:
+            return None
+        wrong = self._watch.wrong_wiring(t, self._sample[:2], self._torques, pause)
+        reason, joint = WIRING_REASONS[wrong]
+        return Fault(reason, t, joint, self._torques[self._joint]) if wrong else None
 
     def _measurement_fault(self, t: float, x: tuple[float, ...], first: bool) -> Fault | None:
         s, driven, before = self.settings, self._joint, self._sample

@@ -1,12 +1,12 @@
 /*
- * Angles, and the estimator's model of the plant, which an identifier may change.
+ * Angles, and the model of the plant: the estimator's, which an identifier may change, and the guard's.
  */
 #ifndef SWINGUP_MODEL_H
 #define SWINGUP_MODEL_H
 
 #include "numbers.h"
 
-#if SWINGUP_HAS_ESTIMATOR || SWINGUP_HAS_REGULATOR
+#if SWINGUP_HAS_ESTIMATOR || SWINGUP_HAS_REGULATOR || SWINGUP_HAS_GUARD
 /* An angle's distance (rad) without whole turns. */
 static inline double swingup_turned(double angle)
 {
@@ -14,7 +14,7 @@ static inline double swingup_turned(double angle)
 }
 #endif
 
-#if SWINGUP_HAS_ESTIMATOR
+#if SWINGUP_HAS_ESTIMATOR || SWINGUP_HAS_GUARD
 typedef struct {
     double m11, m12, m22, coupling, gravity1, gravity2; /* of the mass matrix (kg m^2) and of gravity (N m) */
     const double *damping, *coulomb;                    /* friction of both joints (N m s/rad, N m) */

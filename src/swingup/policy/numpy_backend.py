@@ -20,6 +20,7 @@ from .pendulum import PendulumPolicy
 from .policy import NumpyNetwork
 from .regulator import RICCATI_STEPS, Held, Loop, Q, R, RegulatorSettings
 from .shipped import load_pendulum_policy
+from .wiring import WiringWatch
 
 BOUNDS: dict[Bounds, Callable[[float], float]] = {"tanh": math.tanh, "clip": lambda z: max(-1.0, min(1.0, z))}
 
@@ -183,7 +184,9 @@ def numpy_controller(
     that the file lacks have their defaults, in the units of its plant.
     """
     settings = choose_guard(guard, policy.guard, policy.period)
-    return LoopController(NumpyPolicy(policy, estimated), policy.robot, policy.torque_limits, settings)
+    joint = policy.robot.joint
+    watch = WiringWatch(policy.plant, joint, policy.torque_limits[joint], policy.period) if settings else None
+    return LoopController(NumpyPolicy(policy, estimated), policy.robot, policy.torque_limits, settings, watch)
 
 
 def load_controller(

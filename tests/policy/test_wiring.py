@@ -1,0 +1,78 @@
+"""The guard's look at the first second, in NumPy and in C: what is wired wrongly is named, and nothing else."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from swingup.export.c_header import c_header
+from swingup.plant.equations import NUMPY, Friction, damped_midpoint_step
+from swingup.plant.files import load_plant
+from swingup.plant.plant import ROBOTS, lump
+from swingup.policy.guard import GuardSettings, Reason, choose_guard
+from swingup.policy.numpy_backend import numpy_controller
+from swingup.policy.shipped import load_pendulum_policy
+
+from . import compiled
+
+CASES = {
+    "right": (np.eye(2), np.eye(2), Reason.NONE),
+    "encoder 1": (np.diag([-1.0, 1.0]), np.eye(2), Reason.ENCODER),
+    "motors": (np.eye(2), -np.eye(2), Reason.MOTOR),
+    "no torque": (np.eye(2), np.zeros((2, 2)), Reason.UNDRIVEN),
+}
+"""From true angles to measured ones, from commanded torques to those that act, and the reason of the stop."""
+
+
+def closed_loop(controller, angles, torques, seconds=1.0, period=0.002):
+    """Times and measured states of a run on C.1 with half more friction, 4 ms late."""
+    plant = load_plant("C.1")
+    friction = Friction((1.5 * plant.b1, 1.5 * plant.b2), (1.5 * plant.cf1, 1.5 * plant.cf2))
+    x, late, times, states = (0.01, -0.01, 0.0, 0.0), [np.zeros(2)] * 2, [], []
+    for t in period * np.arange(round(seconds / period)):
+        q, v = np.round(angles @ x[:2] / 3.81e-4) * 3.81e-4, angles @ x[2:]
+        times.append(float(t))
+        states.append(np.array([*q, *v]))
+        late.append(controller(states[-1], float(t)))
+        u = torques @ late.pop(0)
+        for _ in range(4):
+            x = damped_midpoint_step(lump(plant), friction, x, (u[0], u[1]), period / 4, NUMPY)
+    return np.array(times), np.array(states)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("case", CASES)
+def test_what_is_wired_wrongly_is_named(case, robot):
+    angles, torques, reason = CASES[case]
+    policy = load_pendulum_policy("ar-eapo", robot)
+    controller = numpy_controller(policy, guard=True)
+    closed_loop(controller, angles, torques)
+    found = controller.fault.reason if controller.fault else Reason.NONE
+    # Motors that turn the other way race: few blocks are slow enough to tell them from other faults.
+    assert found != Reason.NONE if case == "motors" else found == reason
+    unwatched = numpy_controller(policy, guard=GuardSettings(velocity_limit=1e3, watched=0.0))
+    closed_loop(unwatched, angles, torques)
+    assert unwatched.fault is None
+
+
+def test_a_period_that_the_estimator_does_not_bear():
+    policy = load_pendulum_policy("adaptive", "acrobot")
+    for period, reason in ((0.005, Reason.NONE), (0.001, Reason.NONE), (0.0075, Reason.PERIOD)):
+        controller = numpy_controller(policy, guard=True)
+        closed_loop(controller, np.eye(2), np.eye(2), 0.7, period)
+        assert (controller.fault.reason if controller.fault else Reason.NONE) == reason
+
+
+@compiled.needs_gcc
+@pytest.mark.parametrize("case", ["right", "encoder 1"])
+def test_c_does_the_same(case, tmp_path):
+    angles, torques, _ = CASES[case]
+    policy = load_pendulum_policy("ar-eapo", "acrobot")
+    policy = dataclasses.replace(policy, guard=choose_guard({"velocity_limit": 1e3}, None, None))
+    controller = numpy_controller(policy)
+    times, states = closed_loop(controller, angles, torques)
+    _, reasons, last, _ = compiled.watch(compiled.compile_header(tmp_path, c_header(policy)), times, states)
+    fault = controller.fault
+    assert reasons[-1] == (fault.reason if fault else 0)
+    if fault:
+        np.testing.assert_allclose(last, [fault.joint, fault.time, fault.value], rtol=1e-9)
