@@ -10,16 +10,14 @@ that turns without limits and swings up a rod of 0.2 m. Neither ends before its 
 Needs swingup[mujoco], and stable-baselines3 for the peer.
 
 Finished runs are rows of the file and are not repeated: the mean return of the last policy in 20 deterministic
-episodes, in the task's own rewards, and seconds of the processor; the seeds of a call share those of compilation
-and judgement. `--seeds 0` trains nothing and shows what is finished, with how many seeds learned where the task has
-a threshold.
+episodes, in the task's own rewards, and seconds of the processor, with compilation and judgement. `--seeds 0`
+trains nothing and shows what is finished, with how many seeds learned where the task has a threshold.
 """
 
 import argparse
 import csv
 import itertools
 import time
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -120,25 +118,22 @@ def make(task: str, change: str = "plain") -> gymnasium.Env[Any, Any]:
     return TransformReward(env, {"offset": lambda paid: paid + 1000.0, "small": lambda paid: 1e-3 * paid}[change])
 
 
-def train(task: str, change: str, learner: str, seeds: Sequence[int], frames: int) -> Iterator[tuple[int, float]]:
-    """Each seed with the mean return of its last policy, in the task's own rewards."""
+def train(task: str, change: str, learner: str, seed: int, frames: int) -> float:
+    """The mean return of the last policy, in the task's own rewards."""
     if learner == "sb3-ppo":
-        yield from ((seed, peer_score(task, change, seed, frames)) for seed in seeds)
-        return
+        return peer_score(task, change, seed, frames)
     preset = None if learner == "default" else learner
-    rows: list[Any] = []
     reports: dict[str, Any] = {
         "evaluate_every": frames,
         "checkpoint_every": frames,
         "evaluation_episodes": EPISODES,
     }
-    # One after another, each as it trains alone; they share the compiled program.
-    model = AREAPO(lambda: make(task, change), preset, seeds[0], seeds=len(seeds), **reports)
-    model.learn(frames, lambda _, report: rows.extend(report.rows))
+    model = AREAPO(lambda: make(task, change), preset, seed, **reports)
+    rows: list[dict[str, Any]] = []
+    model.learn(frames, lambda _, report: rows.append(report.best.as_dict()))
     model.close()
-    for seed, row in zip(seeds, rows[-len(seeds) :], strict=True):
-        score, length = row.score, row.as_dict()["mean_length"]
-        yield seed, score - 1000.0 * length if change == "offset" else 1e3 * score if change == "small" else score
+    score, length = rows[-1]["score"], rows[-1]["mean_length"]
+    return {"offset": score - 1000.0 * length, "small": 1e3 * score}.get(change, score)
 
 
 def peer_score(task: str, change: str, seed: int, frames: int) -> float:
@@ -170,17 +165,17 @@ def main() -> None:
     if not options.file.exists():
         options.file.write_text(",".join(COLUMNS) + "\n")
     done = [tuple(row.values())[:5] for row in csv.DictReader(options.file.open())]
-    for task, change, learner in itertools.product(options.tasks, options.changes, options.learners):
-        seeds = range(options.first_seed, options.first_seed + options.seeds)
-        missing = [each for each in seeds if (task, change, learner, str(each), str(options.frames)) not in done]
+    seeds = range(options.first_seed, options.first_seed + options.seeds)
+    for seed, task, change, learner in itertools.product(seeds, options.tasks, options.changes, options.learners):
+        key = (task, change, learner, str(seed), str(options.frames))
+        if key in done:
+            continue
         start = time.process_time()
-        found = list(train(task, change, learner, missing, options.frames)) if missing else []
-        for seed, score in found:
-            seconds = (time.process_time() - start) / len(missing)
-            row = (task, change, learner, str(seed), str(options.frames), f"{score:.2f}", f"{seconds:.1f}")
-            with options.file.open("a") as file:
-                file.write(",".join(row) + "\n")
-            print(*row, flush=True)
+        score = train(task, change, learner, seed, options.frames)
+        row = (*key, f"{score:.2f}", f"{time.process_time() - start:.1f}")
+        with options.file.open("a") as file:
+            file.write(",".join(row) + "\n")
+        print(*row, flush=True)
     print("\n| task | change | learner | frames | scores | learned | CPU-seconds a run |")
     print("|---" * 7 + "|")
     groups: dict[tuple[str, ...], list[dict[str, str]]] = {}
