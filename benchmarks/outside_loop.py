@@ -15,6 +15,7 @@ import ctypes
 import dataclasses
 import subprocess
 import tempfile
+import uuid
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -162,8 +163,25 @@ def held(p: Numbers, joint: int) -> Numbers:
 def compiled(folder: Path, policy: Any) -> ctypes.CDLL:
     """The loop around a policy's header."""
     (folder / "policy.h").write_text(c_header(policy), encoding="utf-8")
-    source, library = Path(__file__).with_suffix(".c"), folder / f"{policy.robot.name}.so"
-    command = ["gcc", "-std=c99", "-O2", "-shared", "-fPIC", f"-I{folder}", str(source), "-o", str(library), "-lm"]
+    return load(folder / "policy.h")
+
+
+def load(header: Path) -> ctypes.CDLL:
+    """The loop around a header, which is named policy.h."""
+    # A new file for each: a library that is loaded stays.
+    source, library = Path(__file__).with_suffix(".c"), header.with_name(f"{uuid.uuid4().hex}.so")
+    command = [
+        "gcc",
+        "-std=c99",
+        "-O2",
+        "-shared",
+        "-fPIC",
+        f"-I{header.parent}",
+        str(source),
+        "-o",
+        str(library),
+        "-lm",
+    ]
     subprocess.run(command, check=True)
     return ctypes.CDLL(str(library))
 
@@ -190,7 +208,9 @@ def main() -> None:
         for name in chosen.robots:
             joint = get_robot(name).joint
             policy = load_policy(chosen.policy, name)
-            guarded = dataclasses.replace(policy, guard=choose_guard(True, policy.guard, policy.period))
+            guarded = dataclasses.replace(
+                policy, guard=choose_guard(True, policy.guard, policy.period, policy.plant)
+            )
             library = compiled(Path(folder), guarded)
             for case in wanted:
                 numbers = [p | CASES[case](p) for p in robots(joint, chosen.seed)]

@@ -50,7 +50,16 @@ def either_robot(request):
 @pytest.fixture(scope="session")
 def similar():
     """From a plant to one that moves alike: lengths × 0.25 and masses × 0.1; T × 0.5 and torques × 0.025."""
-    powers = {"l": (1, 0), "r": (1, 0), "m": (0, 1), "I": (2, 1), "b": (1.5, 1), "c": (1, 1), "t": (1, 1)}
+    powers = {
+        "l": (1, 0),
+        "r": (1, 0),
+        "m": (0, 1),
+        "I": (2, 1),
+        "b": (1.5, 1),
+        "c": (1, 1),
+        "t": (1, 1),
+        "z": (0, 0),
+    }
 
     def make(plant):
         names = set(NAMES) - {"g", "gr"}

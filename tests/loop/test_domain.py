@@ -12,6 +12,7 @@ from swingup.loop.loop import VALUES
 from swingup.loop.resolve import PLANT, resolve
 from swingup.plant.files import load_plant
 from swingup.plant.plant import get_robot
+from swingup.policy.shipped import load_policy
 
 ACROBOT = get_robot("acrobot")
 FIRST_DRAW = [0.43446442676405217, 0.0755743854035989, 0.002119275055824273, -0.0007073005820577105]
@@ -182,11 +183,17 @@ def test_the_content_of_a_domain_makes_it_again():
 
 def test_a_loop_adds_no_motor():
     """A plant with one motor keeps it, and in no loop without a motor is a torque relative to it."""
+    robot = get_robot("pendubot")
     weak, strong = ({"plant": "C.1", "tl1": 6.0, "tl2": limit} for limit in (0.0, 6.0))
-    limits = [resolve(resolve(domain=each), "recorded").high.loop.passive_limit for each in (weak, strong)]
-    assert limits == [0.0, 0.5]
-    own = resolve(resolve(domain={**weak, "passive_limit": 0.2}), "recorded")
-    assert own.high.loop.passive_limit == 0.2
+    own = {**weak, "passive_limit": 0.2}  # what a file says of its loop does not change its plant either
+    found = [resolve(resolve(domain=each), "recorded") for each in (weak, strong, own)]
+    limits = [
+        [float(draw(each, jax.random.key(0), robot)[0].tl2), each.high.passive_limit(robot)] for each in found
+    ]
+    assert limits == [[0.0] * 2, [0.5] * 2, [0.0] * 2]
+    # Nor does a policy: from a plant with both motors, for one with one.
+    policy, one = load_policy("adaptive", robot), resolve(domain=weak).facts
+    assert load_policy("adaptive", robot, one).torque_limits == (policy.torque_limits[0], 0.0) == (6.0, 0.0)
     none = resolve(domain={**weak, "tl1": 0.0})
     for given in ((none, "recorded"), ("C.1", none)):
         assert "has no motor" in refusal(resolve, *given)

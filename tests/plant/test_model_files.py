@@ -15,11 +15,11 @@ from swingup import SwingupError, load_policy, measured_plant, save_plant
 from swingup.loop.resolve import resolve
 from swingup.plant.files import SHIPPED_PLANTS, load_plant
 from swingup.plant.model_file import read_model
-from swingup.plant.plant import NAMES, make_plant
+from swingup.plant.plant import NAMES, ZEROS, make_plant
 from swingup.policy.shipped import shipped_file
 
 DATA = Path(__file__).parent / "data"
-NOT_IN_URDF = {"l2", "Ir", "gr"}
+NOT_IN_URDF = {"l2", "Ir", "gr", *ZEROS}
 """What RealAIGym's URDFs do not say."""
 
 
@@ -104,7 +104,7 @@ def test_realaigyms_files_have_their_numbers_once_the_reading_is_named(design):
 def test_round_trips_are_exact(tmp_path, name, ending):
     plant = load_plant("C.1" if name == "odd" else name)
     if name == "odd":  # on the moon, no motor at the elbow, a heavy rotor, and a centre on the other side
-        plant = plant.changed(g=1.62, tl2=0.0, gr=3.0, Ir=1e-3, r2=-0.1)
+        plant = plant.changed(g=1.62, tl2=0.0, gr=3.0, Ir=1e-3, r2=-0.1, zero1=0.04, zero2=-0.03)
     save_plant(tmp_path / f"x.{ending}", plant)
     assert load_plant(tmp_path / f"x.{ending}").values() == pytest.approx(plant.values(), rel=1e-14, abs=1e-16)
 
@@ -168,7 +168,7 @@ def test_facts_of_a_urdf(tmp_path):
     path = write(tmp_path, urdf(*tip))
     expected = {
         "m1": 1.0, "m2": 1.0, "l1": 0.4, "l2": 0.6, "r1": 0.2, "r2": 0.3, "I1": 0.16 / 3, "I2": 0.36 / 3, "Ir": 0.0,
-        "gr": 5.0, "b1": 0.1, "b2": 0.0, "cf1": 0.05, "cf2": 0.0, "g": 9.81, "tl1": 2.0, "tl2": 0.0,
+        "gr": 5.0, "b1": 0.1, "b2": 0.0, "cf1": 0.05, "cf2": 0.0, "g": 9.81, "tl1": 2.0, "tl2": 0.0, **ZEROS,
     }  # fmt: skip
     plant = load_plant(path)
     assert plant.values() == pytest.approx(expected)

@@ -17,7 +17,7 @@ from swingup.loop.resolve import resolve
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.files import SHIPPED_PLANTS, load_plant
 from swingup.plant.measured import measured_plant
-from swingup.plant.plant import LEADERBOARD, ROBOTS, get_robot, torque_over_gravity, validated
+from swingup.plant.plant import LEADERBOARD, ROBOTS, ZEROS, get_robot, torque_over_gravity, validated
 from swingup.plant.units import (
     ACCELERATION,
     COMPLIANCE,
@@ -33,7 +33,9 @@ from swingup.plant.units import (
 from swingup.plant.upright import upright_needs
 
 C1 = load_plant("C.1")
-IDENTIFIED = yaml.safe_load((Path(__file__).parent / "data" / "C.1.yml").read_text()) | {"tl1": 6.0, "tl2": 6.0}
+IDENTIFIED = (
+    yaml.safe_load((Path(__file__).parent / "data" / "C.1.yml").read_text()) | {"tl1": 6.0, "tl2": 6.0} | ZEROS
+)
 """Model 1 of design C.1, RealAIGym's own file; its leaderboards' motors have 6 N m."""
 PENDUBOT = get_robot("pendubot")
 
@@ -82,6 +84,11 @@ def test_what_files_may_hold(read):
     # Values whose shortest decimal forms are long, tiny or negative; PyYAML reads 1e-3 without a point as a text.
     given = dataclasses.replace(C1, m1=0.1 + 0.2, g=math.pi, Ir=5e-324, b1=-1 / 3, cf2=-1e-17)
     assert read(given.values()) == given
+    shown = read(IDENTIFIED | {"zero1": 0.04, "zero2": -0.03})
+    assert (shown.zeros, shown.changed(**ZEROS)) == (
+        (0.04, -0.03),
+        C1,
+    )  # they tell plants apart, and add nothing else
     assert read(IDENTIFIED | {"gr": 6, "b1": "1e-3", "name": "mine"}) == C1
     found = validated(jax.tree.map(jnp.asarray, C1))
     assert (type(found.m1), found.m1) == (float, float(np.float32(IDENTIFIED["m1"])))

@@ -313,3 +313,20 @@ def test_scores(either_robot, policy, within):
     assert score > ({"acrobot": 0.699, "pendubot": 0.694}[name] if policy == ADAPTIVE else 0.3)
     in_numpy = swingup.judge(load_controller(policy, name), name).criteria.score
     assert in_numpy == pytest.approx(score, abs=within)
+
+
+@pytest.mark.parametrize("back_end", ["jax", "numpy", "c", "onnx"])
+def test_encoders_zeros_are_subtracted(back_end, tmp_path):
+    """Angles from zeros of 40 and -30 mrad give the torques of angles from 0, before an estimator as well."""
+    own, zeros = policy(ESTIMATED[0]), [0.04, -0.03, 0.0, 0.0]
+    states, times = references.random_states()[:40] * [0.3, 0.3, 0.1, 0.1], DT * np.arange(40)
+    plants, found = (own.plant, own.plant.changed(zero1=zeros[0], zero2=zeros[1])), []
+    for index, plant in enumerate(plants):
+        (folder := tmp_path / str(index)).mkdir()
+        made, shown = (
+            BACK_ENDS[back_end].make(dataclasses.replace(own, plant=plant), folder),
+            states + index * np.array(zeros),
+        )
+        found.append(made.alone(shown) if back_end == "onnx" else made.run(times, shown))
+    assert np.abs(found[0]).max() > 0.1
+    np.testing.assert_allclose(found[1], found[0], atol=1e-5)

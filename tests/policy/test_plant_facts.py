@@ -87,7 +87,7 @@ SCALES = Scales(time=0.5, torque=0.02, length=0.25)
 def pair():
     """The shipped policy, and that of a similar plant."""
     one = load_policy("adaptive", "acrobot")
-    other = for_plant(one, similar_plant(one.plant, Scales(2.0, 50.0, 4.0)))
+    other = for_plant(one, similar_plant(LEADERBOARD, Scales(2.0, 50.0, 4.0)))
     # The loop's period is no property of the plant: alike is a loop of twice the rate.
     return one, dataclasses.replace(
         other, estimator=dataclasses.replace(other.estimator, dt=0.001, longest_gap=0.025)
@@ -107,7 +107,7 @@ def test_a_similar_plants_policy_is_the_same_in_its_units(pair):
     for scales in (scales_of(other.plant), arm_scales(other.plant)):
         assert tuple(scales) == pytest.approx(tuple(SCALES))
     assert other.identifier.passive_limit == pytest.approx(0.01)
-    back = for_plant(other, one.plant)
+    back = for_plant(other, LEADERBOARD)
     assert back.plant.values() == pytest.approx(one.plant.values())
     assert back.torque_limit == one.torque_limit
     # What a recipe makes of the network has the same around it.

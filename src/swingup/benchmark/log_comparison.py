@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from ..common.errors import SwingupError
-from ..controllers.registry import get_controller
+from ..controllers.registry import controller_on
 from ..dynamics.dynamics import wrap_difference
 from ..identification.conventions import check_columns
 from ..identification.prediction import integration_of, vector_of
@@ -103,7 +103,7 @@ def compare(
         driven = driven_robot(recording.name, recording.u) if robot is None else get_robot(robot)
         for name, domain in plants.items():
             around = resolve(domain, loop)
-            found = get_controller(controller, driven, design=domain.nominal_plant)
+            found = controller_on(controller, driven, domain.nominal_plant)
             runs[name] = close_loop(recording, found, controller, driven, around, seed)
     predictions = [predict_log(recording, domain, name) for name, domain in plants.items()]
     windows = cut_windows(recording, DRAWN_LENGTH, stride=DRAWN_LENGTH, minimum_speed=0.0)

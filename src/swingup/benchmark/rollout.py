@@ -112,10 +112,16 @@ def initial_loop(scenario: Scenario, x0: State, depth: int = 1, dt: float = LOOP
     """
     rest, disturbance, supervisor = jnp.zeros(2, x0.dtype), scenario.disturbance, scenario.supervisor
     timed = disturbance is not None and disturbance.is_timed
+    shown = encoded(scenario.parameters, x0)
     times = start_times(depth, dt, x0.dtype) if timed else None
     supervision = None if supervisor is None else (supervisor.start(x0.dtype), no_intervention(x0.dtype))
     # A delay that reaches before the start measures the first state, as in the benchmark.
-    return LoopState(x0, rest, rest, jnp.tile(x0, (depth, 1)), rest, times, supervision)
+    return LoopState(x0, rest, rest, jnp.tile(shown, (depth, 1)), rest, times, supervision)
+
+
+def encoded(plant: Plant, x: State) -> State:
+    """The state as the encoders show it: from their zeros."""
+    return x.at[:2].add(jnp.stack(plant.zeros).astype(x.dtype))
 
 
 def loop_time(loop: LoopState, step: Count, dt: float) -> Scalar:
@@ -125,11 +131,12 @@ def loop_time(loop: LoopState, step: Count, dt: float) -> Scalar:
 
 def measure(scenario: Scenario, loop: LoopState, step: Count, dt: float = LOOP_DT) -> tuple[LoopState, State, Flag]:
     """First half of a step of dt (s): the measured state, and whether the controller is called at all."""
-    called, measured, now = jnp.array(True), loop.x, loop_time(loop, step, dt)
+    called, now = jnp.array(True), loop_time(loop, step, dt)
+    shown = measured = encoded(scenario.parameters, loop.x)
     if scenario.disturbance is not None:
-        disturbance, shown, held = scenario.disturbance, loop.x, jnp.array(0)
+        disturbance, held = scenario.disturbance, jnp.array(0)
         if disturbance.effects.windup:
-            shown = motor_side(disturbance.loop, loop.x, loop.motors[1])
+            shown = motor_side(disturbance.loop, shown, loop.motors[1])
         past = remember(loop.past, step, shown)
         times = None if loop.times is None else loop.times.remember(step)
         noise, torque_noise = step_noise(disturbance, step, loop.x.dtype)

@@ -14,6 +14,7 @@ from ..common.checks import one_of, swingup_name
 from .demonstrating import demo_command
 from .exporting import export_command, plot_command, rehearse_command
 from .judging import evaluate_command, leaderboard_command, score_command
+from .making import make_controller_command
 from .output import PROGRAM
 from .pendulums import compare_command, diagnose_command, excite_command, identify_command, plant_command
 from .playing import watch_command
@@ -33,7 +34,9 @@ Start here: demo trains a policy in minutes and shows it.
 
 Judge controllers: evaluate, leaderboard, score.
 
-Make them: train, sweep, refine. Their pendulums: plant, excite, identify, diagnose.
+Your pendulum: make-controller, from its logs to its controller; plant, excite, identify, diagnose.
+
+Make policies: train, sweep, refine.
 
 Show and share them: compare, plot, watch, export, rehearse."""
 
@@ -42,6 +45,7 @@ COMMANDS: dict[str, Command] = {
     "evaluate": evaluate_command,
     "leaderboard": leaderboard_command,
     "score": score_command,
+    "make-controller": make_controller_command,
     "train": train_command,
     "sweep": sweep_command,
     "refine": refine_command,

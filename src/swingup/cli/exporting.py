@@ -20,9 +20,10 @@ from ..export.folder import FORMS as FOLDERS
 from ..export.folder import NAME, cloudpendulum_guard, cloudpendulum_notes, export_folder
 from ..export.onnx_graph import onnx_model
 from ..learner.metrics import read_metrics
-from ..plant.plant import LEADERBOARD, Robot
+from ..plant.plant import LEADERBOARD, Robot, validated
 from ..policy.guard import GuardSettings, choose_guard
 from ..policy.pendulum import PendulumPolicy, write_plant
+from ..policy.policy import TaskPolicy
 from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_policy
 from ..rehearsal.process import CALLING_TIME
 from ..rehearsal.rehearse import Rehearsal, rehearse, spread
@@ -64,6 +65,8 @@ def export_command(
     guard: bool = True,
     velocity_limit: float | None = None,
     braking: float | None = None,
+    zero1: float | None = None,
+    zero2: float | None = None,
     plant: PlantOptions = NO_OPTIONS,
     seed: int | None = None,
 ) -> None:
@@ -85,9 +88,12 @@ def export_command(
         guard: put a safety guard around a pendulum's controller in the folders and in c: it stops the controller at
             a limit or a broken measurement. Turn it off for simulations. An onnx graph has none.
         velocity_limit: of both joints (rad/s), beyond which the guard stops the controller; by default the policy
-            file's, or 20, and 50 for cloudpendulum.
+            file's, or 20 on design C.1, other plants in their own units, and 50 for cloudpendulum.
         braking: damping (N m s/rad) with which the guard brakes both joints of a stopped controller, each within
             its torque limit, where the measurement is sound; by default the policy file's, or none.
+        zero1: what the shoulder's encoder shows where the pendulum hangs (rad), which the controller subtracts; by
+            default the plant's.
+        zero2: the same of the elbow.
         plant: what adaptive begins with, in that plant's units, where that is within what it was taught; or what a
             trajectory swings up: for another plant than the leaderboards' it is computed, in minutes.
         seed: compute the trajectory, shipped or not, from first torques of this seed.
@@ -104,13 +110,27 @@ def export_command(
         )
     if precision != "double" and to != "c":
         raise SwingupError(f"--precision {precision} goes with --to c: leave it out")
-    found, notes = load_policy(policy, robot, facts_of(plant)), list[str]()
+    found = load_policy(policy, robot, facts_of(plant))
+    zeros = {name: value for name, value in {"zero1": zero1, "zero2": zero2}.items() if value is not None}
     changes = {"velocity_limit": velocity_limit, "braking": braking}
     if isinstance(found, PendulumPolicy):
-        found = dataclasses.replace(found, guard=_guard(found, to, guard, changes))
-        notes = _pendulum_notes(found, to)
-    elif any(value is not None for value in changes.values()):
-        raise SwingupError(f"{policy} is of {quoted(found.task)}, without a guard: leave its settings out")
+        found = dataclasses.replace(found, plant=validated(found.plant.changed(**zeros)))
+        found = dataclasses.replace(found, guard=choose_export_guard(found, to, guard, changes))
+    elif any(value is not None for value in (zeros | changes).values()):
+        raise SwingupError(f"{policy} is of {quoted(found.task)}, without guard and zeros: leave their options out")
+    write_export(found, to, out, name, username, precision)
+
+
+def write_export(
+    found: TaskPolicy | PendulumPolicy,
+    to: str,
+    out: str,
+    name: str = NAME,
+    username: str = "swingup",
+    precision: Precision = "double",
+) -> None:
+    """Write a policy with its guard in one of the forms, and say so."""
+    notes = _pendulum_notes(found, to) if isinstance(found, PendulumPolicy) else []
     if to in FOLDERS:
         out = str(export_folder(found, out, to, name, username))
     else:
@@ -153,12 +173,12 @@ def _export_trajectory(name: str, robot: Robot | None, out: str, plant: PlantOpt
     tell(out, *(f"{name:<20}{value}" for name, value in (provenance | on.summary(robot)).items()))
 
 
-def _guard(
+def choose_export_guard(
     policy: PendulumPolicy, to: str, wanted: bool, changes: Mapping[str, float | None]
 ) -> GuardSettings | None:
     """The policy file's guard, or that of the robot that a form is for, with what the user changed of it."""
     own = policy.guard or (cloudpendulum_guard(policy.period) if to == "cloudpendulum" else None)
-    guard = None if to == "onnx" else choose_guard(wanted, own, policy.period)
+    guard = None if to == "onnx" else choose_guard(wanted, own, policy.period, policy.plant)
     given: dict[str, Any] = {name: value for name, value in changes.items() if value is not None}
     if given and guard is None:
         flag = next(iter(given)).replace("_", "-")

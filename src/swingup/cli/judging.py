@@ -18,7 +18,7 @@ from ..benchmark.robustness_board import RobustnessBoard, change_grid
 from ..common.errors import SwingupError, command_line
 from ..common.files import check_writable, write_atomically
 from ..controllers.check import call_time, check_controller, slow_call
-from ..controllers.registry import BUILT_IN, get_controller
+from ..controllers.registry import BUILT_IN, controller_on, get_controller
 from ..loop.loop import LOOP_DT
 from ..plant.plant import LEADERBOARD, ROBOTS, Plant, Robot, get_robot
 from ..policy.shipped import DEFAULT
@@ -99,7 +99,8 @@ def evaluate_command(
         check: only try the controller on a few dozen states, and name its faults; the exit status is 1 if there is
             one.
         estimator: whether a state estimator stands before the controller.
-        plant: what is simulated, and baselines are designed for; disturbances are in its own units.
+        plant: what is simulated, baselines are designed for, and adaptive begins with, as exported for it;
+            disturbances are in its own units.
         domain: plants and loops of the boards on simulated robots: identified, randomised, recorded, imperfect,
             cells, a session of the robot, as session-acrobot, or a YAML file.
         seed: first seed of noise, pushes, throws, plants and loops.
@@ -133,7 +134,11 @@ def evaluate_command(
     for each in boards:
         design = make_setting(robot, each, **loop).plant
         with foreign_prints_apart(), Progress() as progress:
-            found = get_controller(controller, robot, wanted, design=design)
+            found = (
+                controller_on(controller, robot, design, wanted)
+                if plant
+                else get_controller(controller, robot, wanted, design=design)
+            )
             report_progress = partial(progress, each.name)
             result = judge(found, robot, each, seeds, seed=seed, name=controller, progress=report_progress, **loop)
         results.append(result)
@@ -213,7 +218,10 @@ def leaderboard_command(
         check_writable(page)
     boards, on = _boards(board), facts_of(plant)
     mine = {
-        each: {name: get_controller(name, each, design=on or LEADERBOARD) for name in controller} for each in robot
+        each: {
+            name: get_controller(name, each) if on is None else controller_on(name, each, on) for name in controller
+        }
+        for each in robot
     }
     with foreign_prints_apart(), Progress() as progress:
         how: Any = {"boards": boards, "seed": seed, "recompute": recompute, "progress": progress, "plant": on}

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..common.errors import SwingupError, attribute, described, errors_named_after, quoted
 from ..common.types import Count, Flag, Scalar, State, Torque
-from ..plant.plant import TORQUE_LIMIT, Robot, get_robot
+from ..plant.plant import TORQUE_LIMIT, Plant, Robot, get_robot
 from ..policy.contract import LoopController
 from ..policy.guard import GuardChoice, choose_guard
 
@@ -114,6 +114,31 @@ class AbstractPlantController(AbstractController[Carry]):
     def __call__(self, carry: Carry, t: TimeLike, x: State) -> tuple[Carry, Torque]:
         """The torques [u1, u2] (N m) for the state x measured at time t (s), and the memory for the next call."""
         return self.control(carry, t, x, None)
+
+
+class ZeroedController(AbstractController[Carry]):
+    """A controller that sees angles without the encoders' zeros."""
+
+    controller: AbstractController[Carry]
+    zeros: tuple[float, float]  # Shown where the pendulum hangs (rad)
+
+    @property
+    def inner_controller(self) -> AbstractController[Any]:
+        """The controller behind."""
+        return self.controller
+
+    def init(self) -> Carry:
+        """What the controller behind remembers."""
+        return self.controller.init()
+
+    def __call__(self, carry: Carry, t: TimeLike, x: State) -> tuple[Carry, Torque]:
+        """Its torques (N m)."""
+        return self.controller(carry, t, x.at[:2].add(-jnp.stack(self.zeros).astype(x.dtype)))
+
+
+def from_zeros(controller: AbstractController[Any], plant: Plant) -> AbstractController[Any]:
+    """A controller of a plant that is shown what the plant's encoders show."""
+    return ZeroedController(controller, plant.zeros) if any(plant.zeros) else controller
 
 
 def call_for_plant(

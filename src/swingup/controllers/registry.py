@@ -13,7 +13,7 @@ from ..loop.resolve import resolve
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
 from ..policy.shipped import SHIPPED_POLICIES, is_policy, load_policy
 from .baselines.baselines import BASELINES, baseline
-from .interface import AbstractController, PythonController
+from .interface import AbstractController, PythonController, from_zeros
 from .stack.estimator import EstimatingController, with_estimator
 from .stack.policy import make_controller
 
@@ -57,14 +57,23 @@ def get_controller(
     if isinstance(found, EstimatingController):
         return found.controller if estimator is False else found
     if not estimator:
-        return found
+        return from_zeros(found, design) if name in BASELINES and isinstance(found, AbstractController) else found
     if isinstance(found, PythonController):
         raise SwingupError(
             f"controller {quoted(name)} is in plain Python: an estimator goes only before policies and controllers "
             "in JAX"
         )
     with naming(f"controller {quoted(name)}"):
-        return with_estimator(found, robot, design.driven(robot))
+        return from_zeros(with_estimator(found, robot, design.driven(robot)), design)
+
+
+def controller_on(name: str, robot: Robot | str, plant: Plant, estimator: bool | None = None) -> Controller:
+    """The controller that a name means on a plant, as it is exported for it.
+
+    A policy that finds its plant begins with this one, and a baseline is designed for it.
+    """
+    begins = is_policy(name) and load_policy(name, robot).finds_plant
+    return get_controller(name, robot, estimator, plant if begins else None, plant)
 
 
 def has_estimator(controller: Any) -> bool:

@@ -51,7 +51,7 @@ USAGE = """\
  *
  * x = [q1, q2, dq1, dq2]: shoulder angle from hanging down, elbow angle relative to link 1 (rad), and their rates
  * (rad/s); t is the time (s); u = [u1, u2] are the torques of shoulder and elbow (N m), within the motors' limits,
- * the passive joint's {passive}.
+ * the passive joint's {passive}. Angles are the encoders', whose zeros, {zeros} rad, are subtracted here.
  * swingup_policy(x) is the policy alone: the torque of the driven joint, without memory.
  * The plant is {plant}.
 {sizes}{notes} */
@@ -89,6 +89,7 @@ def _usage(policy: PendulumPolicy, data: dict[str, Data], precision: Precision) 
         plant=plain(policy.plant.name) or "that of the policy",
         sizes=sizes(data, precision, "sizeof(swingup_controller), and the stack of a call"),
         rate=f"every {policy.period:g} s" if policy.period else "at the loop's rate",
+        zeros=" and ".join(f"{zero:.6g}" for zero in policy.plant.zeros),
         passive="for its friction" if policy.torque_limits[1 - policy.robot.joint] else "0",
         notes=(IDENTIFIED_NOTE if policy.identifier else "") + (GUARDED_NOTE if policy.guard else UNGUARDED_NOTE),
     )
@@ -146,6 +147,7 @@ def plant_data(policy: PendulumPolicy) -> Data:
         "STEEPNESS": COULOMB_STEEPNESS,
         "theta": base_parameters(plant),
         "limits": np.array(policy.torque_limits),
+        "zeros": np.array(policy.plant.zeros),
     }
 
 

@@ -45,7 +45,10 @@ def onnx_model(policy: TaskPolicy | PendulumPolicy) -> bytes:
     graph, seen = _Graph(onnx.helper, onnx.numpy_helper), policy.observation_space
     given = _Value("state" if isinstance(policy, PendulumPolicy) else "observation", seen.shape, seen.dtype)
     flat = given.name if len(seen.shape) == 1 else graph.add("Flatten", given.name, axis=1)
-    outputs = _outputs(graph, policy.folded, graph.cast(flat, "float64"))
+    observed = graph.cast(flat, "float64")
+    if isinstance(policy, PendulumPolicy):
+        observed = graph.add("Sub", observed, graph.constant(np.array([*policy.plant.zeros, 0.0, 0.0])))
+    outputs = _outputs(graph, policy.folded, observed)
     if isinstance(policy, PendulumPolicy):
         driven = graph.add("Mul", outputs, graph.constant(policy.torque_limit))
         # The passive joint's torque is a zero before or behind the driven one's.

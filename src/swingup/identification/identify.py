@@ -18,7 +18,7 @@ from ..plant.files import representative, save_plant
 from ..plant.plant import Plant, PlantLike
 from .conventions import check_columns
 from .fit import WARM_STAGES, Fit, draw_solutions, fit, fit_all, fit_start, pulled
-from .prediction import NAMES, Integration, integration_of, vector_of
+from .prediction import INDEX, NAMES, Integration, integration_of, vector_of
 from .recording import Recording, read_recording, sensors
 from .results import TITLES, Estimates, bound_notes, domain_of, make_notes, mass_notes, read_solution
 from .scoring import Errors, hold_out, prediction_errors, score_windows, summarise
@@ -205,13 +205,15 @@ def _plant_and_domain(
     problem: Problem, final: Fit, estimates: Estimates, start: Plant
 ) -> tuple[Plant, dict[str, Any]]:
     """A pendulum with the fitted base parameters, and ranges around it and its loop."""
-    model = dict(zip(NAMES, np.maximum(final.models[0], 0.0).tolist(), strict=True))
-    fitted = representative(model, start)
+    offsets = {name: float(final.models[0, INDEX[name]]) for name in ("offset1", "offset2")}
+    model = dict(zip(NAMES, np.maximum(final.models[0], 0.0).tolist(), strict=True)) | offsets
+    fitted = representative(model, start).changed(zero1=offsets["offset1"], zero2=offsets["offset2"])
     model["A"] -= model["B"]  # as in the estimates
     ranges = {
         name: estimates.intervals.get(TITLES.get(name, name), (value, value)) for name, value in model.items()
     }
-    loop = {name: list(ranges[name]) for name in ("offset1", "offset2")}
+    # What the zeros of the plant leave.
+    loop = {name: [end - zero for end in ranges[name]] for name, zero in offsets.items()}
     # A gain that was not fitted is 1 by convention, which says nothing of the motors.
     if ranges["gain1"] != (1.0, 1.0):
         loop |= {name: list(ranges["gain1"]) for name in ("gain1", "gain2")}

@@ -65,15 +65,19 @@ def integration_of(p: Plant) -> Integration:
 
 
 def vector_of(p: Plant, delay: float = 0.004, lag: float = 0.002) -> Float[np.ndarray, "15"]:
-    """A model's vector from a plant's parameters, with offsets of 0 and gains of 1."""
-    return np.append(base_parameters(p), [0.0, 0.0, 1.0, 1.0, delay, lag])
+    """A model's vector from a plant's parameters, with its zeros as offsets, and gains of 1."""
+    return np.append(base_parameters(p), [*p.zeros, 1.0, 1.0, delay, lag])
 
 
 def in_loop(model: Float[np.ndarray, "15"], values: Mapping[str, float]) -> Float[np.ndarray, "15"]:
-    """A model's vector with known values of its loop, by the names of its entries; other names are ignored."""
-    known = [name for name in NAMES[len(BASE_NAMES) :] if name in values]
+    """A model's vector with known values of its loop, by the names of its entries; other names are ignored.
+
+    Offsets of the loop come on top of the plant's zeros.
+    """
     changed = model.copy()
-    changed[[INDEX[name] for name in known]] = [values[name] for name in known]
+    for name in NAMES[len(BASE_NAMES) :]:
+        if name in values:
+            changed[INDEX[name]] = values[name] + (model[INDEX[name]] if name.startswith("offset") else 0.0)
     changed[INDEX["lag"]] = max(changed[INDEX["lag"]], MINIMUM_LAG)
     return changed
 

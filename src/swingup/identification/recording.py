@@ -107,6 +107,9 @@ def read_recording(path: str | Path, columns: Sequence[str] = (), force: bool = 
     Raises:
         SwingupError: the file cannot be read, lacks a column, or holds what no pendulum's log can.
     """
+    mapped = {word.partition("=")[0] for word in columns if "=" in word} & {"u1", "u2"}
+    # Who maps one torque has one motor.
+    columns = [*columns, *(f"{each}=0" for each in ("u1", "u2") if mapped and each not in mapped)]
     table, name = read_table(path, _GROUPS, columns=columns, gaps=True), Path(path).name
     pairs = dict.fromkeys(
         names for group in _GROUPS[1:] for names in group if names and set(names) <= set(table.values)

@@ -18,7 +18,7 @@ from ..loop.domain import Domain
 from ..loop.loop import VALUES
 from ..loop.resolve import resolve
 from ..plant.base_parameters import BASE_NAMES
-from ..plant.plant import Plant
+from ..plant.plant import ZEROS, Plant
 from .conventions import remedy
 from .prediction import INDEX, MINIMUM_LAG, NAMES, vector_of
 from .recording import Recording
@@ -292,7 +292,7 @@ def _content(p: Plant, ranges: Mapping[str, Interval], narrowing: float) -> dict
         "I2": elbow,
         **{name: ranges[name] for name in ("Ir", "b1", "b2", "cf1", "cf2")},
     }
-    kept = ("m1", "m2", "l1", "l2", "gr", "g")
+    kept = ("m1", "m2", "l1", "l2", "gr", "g", *ZEROS)
     content: dict[str, float | list[float]] = {name: float(getattr(p, name)) for name in kept}
     for name, (low, high) in spans.items():
         value = float(getattr(p, name))

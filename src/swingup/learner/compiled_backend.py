@@ -24,6 +24,7 @@ from ..benchmark.judge import judge
 from ..common import cores
 from ..common.errors import SwingupError
 from ..common.types import Flag, Key
+from ..controllers.interface import from_zeros
 from ..controllers.stack.policy import Policy, PolicyController, policy_of, save_controller
 from ..plant.plant import LEADERBOARD, Plant
 from ..policy.pendulum import STATES, TORQUE_SHARE, policy_plant
@@ -182,7 +183,8 @@ class SwingUpEvaluator(AbstractEvaluator):
         """The criteria of the one deterministic episode."""
         if episodes not in (None, 1):
             raise SwingupError(f"episodes = {episodes}, but a robot is scored by one episode: leave it out")
-        criteria = judge(self._controller(policy), self._robot, plant=self._plant).criteria
+        controller = from_zeros(self._controller(policy), self._plant)
+        criteria = judge(controller, self._robot, plant=self._plant).criteria
         return Evaluation(criteria.score, criteria=criteria)
 
     def file_policy(self, policy: Policy[Any]) -> FilePolicy:

@@ -14,14 +14,14 @@ import jax
 
 from ..common.errors import SwingupError
 from ..dynamics.integrate import stable_substeps
-from ..plant.plant import FRICTIONLESS_SUFFIX, NAMES, RANGE_REFUSED, Plant, validated
+from ..plant.plant import FRICTIONLESS_SUFFIX, NAMES, RANGE_REFUSED, Plant, Robot, validated
 from .disturbance import Effects
 from .loop import LONGEST_PERIOD, LOOP_DT, PERFECT_LOOP, VALUES, Loop
 
 MOTORS = ("tl1", "tl2")  # Torque limits of the plant's motors
 
 TORQUE_LIMIT = "torque_limit"
-"""A domain may give one limit for both motors; the loop's ``passive_limit`` replaces it on the passive joint."""
+"""A domain may give one limit for both motors; the loop's ``passive_limit`` lowers it on the passive joint."""
 
 MASSES = ("m2", "l1", "r2", "I1", "I2", "Ir", "gr")
 """Parameters in the mass matrix, which must be positive definite for all their combinations."""
@@ -32,6 +32,10 @@ class PlantInLoop(NamedTuple):
 
     plant: Plant
     loop: Loop
+
+    def passive_limit(self, robot: Robot) -> float:
+        """Torque limit of the passive joint (N m): the loop's, and no more than its motor has in the plant."""
+        return float(min(self.loop.passive_limit, self.plant.limit(1 - robot.joint)))
 
     def value(self, name: str) -> float:
         """A number by the name that a domain's file has for it."""

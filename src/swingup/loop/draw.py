@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from ..common.types import Key
-from ..plant.plant import NAMES, Plant, Robot
+from ..plant.plant import NAMES, ZEROS, Plant, Robot
 from .disturbance import Disturbance, Pushes
 from .domain import Domain, PlantInLoop
 from .loop import VALUES, Loop
@@ -19,17 +19,17 @@ DRAWN_FIRST = (
     "delay", "late", "lateness", "quantum1", "quantum2", "offset1", "offset2",
 )  # fmt: skip
 """The numbers to which a draw gives its first random values; the others follow in the order of their fields."""
-ORDER = tuple(dict.fromkeys([*DRAWN_FIRST, *NAMES, *VALUES]))
+ORDER = (*dict.fromkeys([*DRAWN_FIRST, *(name for name in NAMES if name not in ZEROS), *VALUES]), *ZEROS)
 """The place of each name among the random values of a draw. Another order, or a new number that is not the last
-field of a loop, would change the draws of all domains, and so the boards' scores."""
+one here, would change the draws of all domains, and so the boards' scores."""
 
 
 def draw(domain: Domain, key: Key, robot: Robot) -> tuple[Plant, Disturbance]:
     """A plant and the disturbance of its loop, each number uniform on its range in the domain."""
     value_key, push_key, noise_key = jax.random.split(key, 3)
     plant, loop = draw_values(domain, value_key)
-    driven = jnp.array(robot.actuation)
-    limits = jnp.where(driven > 0, jnp.stack([plant.tl1, plant.tl2]), loop.passive_limit)
+    driven, motors = jnp.array(robot.actuation), jnp.stack([plant.tl1, plant.tl2])
+    limits = jnp.where(driven > 0, motors, jnp.minimum(loop.passive_limit, motors))
     disturbance = Disturbance(
         loop,
         # As whole_steps, for a drawn delay.

@@ -15,7 +15,7 @@ from ..common.errors import SwingupError, naming, one_line, quoted
 from ..common.files import has_suffix
 from ..common.yaml_map import read_map
 from ..plant.files import PARAMETER_FILES, PLANT_FILES, SHIPPED_PLANTS, base_plant, is_model_file, load_plant
-from ..plant.plant import NAMES, Plant, PlantLike, make_plant
+from ..plant.plant import NAMES, ZEROS, Plant, PlantLike, make_plant
 from ..plant.units import scaled, scales_of
 from .domain import MOTORS, TORQUE_LIMIT, Domain, PlantInLoop
 from .loop import VALUES, Loop
@@ -37,7 +37,9 @@ SHIPPED_DOMAINS = (
 )
 """Domains that the package ships."""
 
-PLANT = tuple(name for name in NAMES if name not in MOTORS)  # Parameters of the plant but its motors' limits
+PLANT = tuple(
+    name for name in NAMES if name not in (*MOTORS, *ZEROS)
+)  # Parameters that a domain without "plant" has
 
 
 def resolve(
@@ -51,8 +53,8 @@ def resolve(
 
     1. the plant's file: values and ranges of the plant, its motors' limits, and what the file says of its loop;
     2. the domain's loop, in that pendulum's own units: torques, their rates and velocities are relative to the
-       plant that the domain is made for; delays, periods, angles and shares stay. Its motor of the passive joint
-       has no more torque than the plant's motors;
+       plant that the domain is made for; delays, periods, angles and shares stay. The passive joint's motor has
+       no more torque than in the plant;
     3. a perfect loop, and design C.1 as identified where neither a plant nor a domain is given.
 
     Without a plant, the domain's own plants count as well as its loop.
@@ -170,9 +172,6 @@ def _in_loop(facts: Domain, domain: Domain) -> Domain:
 
     def around(mine: PlantInLoop, other: PlantInLoop) -> PlantInLoop:
         loop = scaled(other.loop, scales)
-        # A joint without a motor gets none from the loop.
-        motors = min(mine.plant.tl1, mine.plant.tl2)
-        loop = dataclasses.replace(loop, passive_limit=min(loop.passive_limit, motors))
         values = {name: getattr(loop, name) for name in added}
         velocities = mine.loop.velocities or loop.velocities
         return mine._replace(loop=dataclasses.replace(mine.loop, **values, velocities=velocities))

@@ -19,7 +19,7 @@ from ..common.checks import LARGEST_NUMBER, one_of
 from ..common.errors import SwingupError, naming, one_line, quoted
 from ..common.files import has_suffix, write_atomically, write_map
 from .base_parameters import BASE_NAMES, base_parameters
-from .plant import LEADERBOARD, NAMES, RANGE_REFUSED, Plant, PlantLike, make_plant, validated
+from .plant import LEADERBOARD, NAMES, RANGE_REFUSED, ZEROS, Plant, PlantLike, make_plant, validated
 
 PARAMETER_FILES, MODEL_FILES = (".yml", ".yaml"), (".urdf", ".xml", ".mjcf")
 """Ends of the names of parameter files, and of files in other programs' formats."""
@@ -90,7 +90,7 @@ def _model_plant(path: str | Path, name: str) -> Plant:
     from .model_file import read_model
 
     facts = read_model(path).facts
-    missing = [each for each in NAMES if each not in facts]
+    missing = [each for each in NAMES if each not in facts and each not in ZEROS]
     if missing:
         words = " ".join(f"{each}=..." for each in missing)
         raise SwingupError(
@@ -124,7 +124,7 @@ SMALLEST_FACT = 1e-6
 SMALLEST_BODY = 1e-14
 """MuJoCo takes masses (kg) and inertias (kg m²) below a tenth of it for 0, and refuses them."""
 
-CHOSEN_NUMBERS = ("m1", "m2", "r1", "r2", "I1")
+CHOSEN_NUMBERS = ("m1", "m2", "r1", "r2", "I1", *ZEROS)
 """Numbers that another plant, which moves alike, may have otherwise."""
 
 OUR_ELEMENT = "swingup"
@@ -147,7 +147,8 @@ def save_plant(path: str | Path, plant: Plant, comments: Sequence[str] = ()) -> 
     if has_suffix(path, *MODEL_FILES):
         base = dict(zip(BASE_NAMES, base_parameters(plant).tolist(), strict=True))
         alike = plant if _is_buildable(values) else representative(base, plant)
-        _write_model(path, Path(plant.name or path).name, alike.values(), values)
+        # Links hang at 0 in these formats.
+        _write_model(path, Path(plant.name or path).name, alike.values() | ZEROS, values)
         return
     if not has_suffix(path, *PARAMETER_FILES):
         raise SwingupError(f"cannot write {path}: name {PLANT_FILES}")

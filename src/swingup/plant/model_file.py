@@ -158,7 +158,7 @@ def _recalled(model: Model, kept: str) -> Model:
 
 def _motion(plant: Mapping[str, float]) -> list[float]:
     """m1 r1 + m2 l1, m2 r2 and I1 + m2 l1², all that motion tells of masses, centres and link 1's inertia."""
-    m1, m2, r1, r2, I1 = (plant[name] for name in CHOSEN_NUMBERS)
+    m1, m2, r1, r2, I1 = (plant[name] for name in CHOSEN_NUMBERS[:5])
     return [m1 * r1 + m2 * plant["l1"], m2 * r2, I1 + m2 * plant["l1"] ** 2]
 
 

@@ -89,6 +89,11 @@ class Plant:
     """Torque limit of the shoulder's motor (N m); 0 once a robot is chosen that drives the elbow alone."""
     tl2: Number
     """Torque limit of the elbow's motor (N m); 0 once a robot is chosen that drives the shoulder alone."""
+    zero1: Number = 0.0
+    """What the shoulder's encoder shows where link 1 hangs down (rad). Simulations measure with it, controllers
+    subtract it; in no equation of motion."""
+    zero2: Number = 0.0
+    """What the elbow's encoder shows where link 2 is in line with link 1 (rad)."""
     name: str = field(default="", compare=False)
     """A shipped plant's name, or the file that it was read from. Not compared."""
 
@@ -124,6 +129,11 @@ class Plant:
         first, second = get_robot(robot).actuation
         return self.changed(tl1=self.tl1 * first, tl2=self.tl2 * second)
 
+    @property
+    def zeros(self) -> tuple[Number, Number]:
+        """The encoders' zeros of shoulder and elbow (rad)."""
+        return (self.zero1, self.zero2)
+
     def frictionless(self) -> "Plant":
         """The plant without friction and rotors' inertia, idealised as the leaderboards idealise C.1."""
         without = dataclasses.replace(self, b1=0.0, b2=0.0, cf1=0.0, cf2=0.0, Ir=0.0)
@@ -136,6 +146,9 @@ class Plant:
 
 
 NAMES = tuple(each.name for each in dataclasses.fields(Plant) if each.name != "name")  # Names of the numbers
+ZEROS = {"zero1": 0.0, "zero2": 0.0}
+"""Numbers that a plant without a log lacks, and their values there."""
+LARGEST_ZERO = 2 * math.pi  # rad; a larger one is in degrees
 
 RANGE_REFUSED = "is a range, and a plant has facts: give one value, or use the file as a domain"
 """The end of a message about a range in the place of a plant's number."""
@@ -152,6 +165,7 @@ LEADERBOARD = Plant(
 
 def make_plant(values: Mapping[str, Any], source: str, name: str = "") -> Plant:
     """A plant from values by name; other names are ignored. Errors name the ``source``."""
+    values = ZEROS | dict(values)
     missing = [each for each in NAMES if each not in values]
     if missing:
         raise SwingupError(f"{source} lacks {', '.join(missing)}: add them in SI units")
@@ -172,6 +186,9 @@ def validated(plant: Plant) -> Plant:
     for name in ("tl1", "tl2"):
         if getattr(found, name) < 0:
             raise SwingupError(f"parameter {name} = {getattr(found, name):g} must not be negative")
+    for name in ZEROS:
+        if not abs(value := getattr(found, name)) <= LARGEST_ZERO:
+            raise SwingupError(f"parameter {name} = {value:g} must be within ±2π: write it in rad")
     # det M is concave in cos(q2), so that its minimum lies at cos(q2) = 1 or -1.
     for cos_q2 in (1.0, -1.0):
         m11, m12, m22 = mass_entries(lump(found), cos_q2)

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from ..common.errors import SwingupError
 from ..common.settings import notes
-from .plant import TORQUE_LIMIT, Plant, time_and_gravity
+from .plant import TORQUE_LIMIT, ZEROS, Plant, time_and_gravity
 
 RecordT = TypeVar("RecordT")
 
@@ -129,8 +129,9 @@ def arm_scales(parameters: Plant) -> Scales:
 
 
 def similar_plant(plant: Plant, scales: Scales) -> Plant:
-    """The pendulum that moves as a plant does in C.1's units."""
-    return plant.changed(**{name: scales.similar(getattr(plant, name), unit) for name, unit in PLANT_UNITS.items()})
+    """The pendulum that moves as a plant does in C.1's units; its encoders show 0 where it hangs."""
+    numbers = {name: scales.similar(getattr(plant, name), unit) for name, unit in PLANT_UNITS.items()}
+    return plant.changed(**ZEROS, **numbers)
 
 
 def scaled(record: RecordT, scales: Scales) -> RecordT:

@@ -121,9 +121,10 @@ static inline void swingup_cut(double u[2])
 }
 #endif
 
-/* The torques u (N m) for the state x measured at time t (s). */
-static inline void swingup_control(swingup_controller *c, swingup_time t, const double x[4], double u[2])
+/* The torques u (N m) for the measured state at time t (s), whose angles are the encoders'. */
+static inline void swingup_control(swingup_controller *c, swingup_time t, const double measured[4], double u[2])
 {
+    const double x[4] = {measured[0] - swingup_zeros[0], measured[1] - swingup_zeros[1], measured[2], measured[3]};
     int asked;
 
 #if SWINGUP_HAS_GUARD

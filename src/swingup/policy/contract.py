@@ -3,6 +3,8 @@
 A controller is called with the measured state x = [q1, q2, dq1, dq2] (rad, rad/s) at the time t (s) and gives the
 torques u = [u1, u2] (N m) of shoulder and elbow.
 
+- Angles are those that the encoders show: the zeros of the policy's plant are subtracted first, before guard and
+  estimator.
 - Back ends differ by at most 5e-5 N m, and by 1e-11 where both compute in double precision throughout. Behind an
   estimator, rounding feeds back: 1e-9 over a whole run.
 - A policy that sees its plant runs as the ordinary policy that it is for the plant of its file. Behind an
@@ -79,11 +81,12 @@ class LoopController(Generic[SourceT]):
         limits: tuple[float, float],
         guard: GuardSettings | None = None,
         watch: WiringWatch | None = None,
+        zeros: tuple[float, float] = (0.0, 0.0),
     ) -> None:
-        """Take what computes the torques, the torque limits of both joints (N m), and what a guard watches."""
+        """Take what computes the torques, the limits of both joints (N m), what a guard watches, and zeros (rad)."""
         self.inner, self.robot, self.torque_limits = inner, robot, limits
         self.guard = None if guard is None else Guard(guard, robot.joint, limits, watch)
-        self._limits = np.array(limits)
+        self._limits, self._zeros = np.array(limits), np.array([*zeros, 0.0, 0.0])
         self._passive = 1 - robot.joint
         self._own, self._acted = np.zeros(2), -math.inf
 
@@ -115,8 +118,9 @@ class LoopController(Generic[SourceT]):
         Raises:
             SwingupError: x is not four numbers.
         """
-        x, t = four_numbers(x), float(t)
-        if self.guard is not None and not self.guard.accepts_measurement(t, x if measured is None else measured):
+        x, t = four_numbers(x) - self._zeros, float(t)
+        seen = x if measured is None else measured - self._zeros
+        if self.guard is not None and not self.guard.accepts_measurement(t, seen):
             return self.guard.stop_torques()
         keeps_torques = self._acted < t < self._acted + self.inner.min_pause
         if not keeps_torques:

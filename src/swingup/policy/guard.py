@@ -38,6 +38,8 @@ import numpy as np
 
 from ..common.errors import SwingupError
 from ..common.settings import Range, Settings, read_settings
+from ..plant.plant import LEADERBOARD, Plant
+from ..plant.units import DAMPING, TORQUE_RATE, VELOCITY, scaled, scales_of
 from .wiring import WiringWatch
 
 MAX_STANDSTILLS = 10
@@ -123,23 +125,23 @@ class Fault(NamedTuple):
 
 @dataclass(frozen=True)
 class GuardSettings(Settings):
-    """What a robot may do under a controller; its limits are those of RealAIGym's loop on the robot."""
+    """What a robot may do under a controller; its limits are those of RealAIGym's loop on the robot, design C.1."""
 
     PART: ClassVar[str] = "guard"
     dt: Annotated[float, Range(1e-6, 0.1)] = 0.002  # Time between calls (s)
     angle_limit: Annotated[float, Range(1e-6, 1e6)] = 4 * math.pi  # Maximum angle of either joint (rad)
-    velocity_limit: Annotated[float, Range(1e-6, 1e6)] = 20.0  # Maximum velocity of either joint (rad/s)
+    velocity_limit: Annotated[float, Range(1e-6, 1e6), VELOCITY] = 20.0  # Maximum velocity of either joint (rad/s)
     longest_gap: Annotated[float, Range(1e-6, 1e6)] = 0.05
     """Maximum time without a fresh measurement (s): between two calls, of numbers that are not finite, or of angle
     and velocity of a joint that repeat, digit by digit, with a velocity other than 0."""
     stuck_time: Annotated[float, Range(1e-6, 1e6)] = 0.2
     """Maximum time (s) for which the driven joint's measurement may repeat under more than half its torque."""
-    torque_rate: Annotated[float | None, Range(1e-6, 1e6)] = None
+    torque_rate: Annotated[float | None, Range(1e-6, 1e6), TORQUE_RATE] = None
     """Maximum rate of change of the torques (N m/s), which limits them; None: the motor's limit within ``dt``."""
     watched: Annotated[float, Range(0.0, 1e6)] = 1.0
     """Time from the first call in which the guard looks at the wiring (s); with 0 it never does, nor at the period:
     for a controller that is shown a motion which is not its own."""
-    braking: Annotated[float, Range(0.0, 1e3)] = 0.0
+    braking: Annotated[float, Range(0.0, 1e3), DAMPING] = 0.0
     """Damping kd of a stopped joint (N m s/rad): its torque is -kd q̇ within its limit. At 0 all torques are 0."""
 
     def __post_init__(self) -> None:
@@ -167,10 +169,13 @@ def default_guard(dt: float | None = None) -> GuardSettings:
     return GuardSettings(dt=dt, longest_gap=max(GuardSettings.longest_gap, 10 * dt), stuck_time=100 * dt)
 
 
-def choose_guard(choice: GuardChoice, own: GuardSettings | None, dt: float | None) -> GuardSettings | None:
+def choose_guard(
+    choice: GuardChoice, own: GuardSettings | None, dt: float | None, plant: Plant = LEADERBOARD
+) -> GuardSettings | None:
     """The guard that a caller chose for a policy; None for none.
 
-    ``own`` is the policy file's. The policy expects calls dt (s) apart; None for any time.
+    ``own`` is the policy file's. The policy expects calls dt (s) apart; None for any time. The default's limits are
+    in the units of the plant, as those of the boards.
     """
     if choice is None or choice is False:
         return own if choice is None else None
@@ -178,7 +183,9 @@ def choose_guard(choice: GuardChoice, own: GuardSettings | None, dt: float | Non
         return choice
     # A caller's mapping is read as a file's entry is, with the same errors.
     return (
-        own or default_guard(dt) if choice is True else read_settings({GuardSettings.PART: choice}, GuardSettings)
+        own or scaled(default_guard(dt), scales_of(plant))
+        if choice is True
+        else read_settings({GuardSettings.PART: choice}, GuardSettings)
     )
 
 

@@ -183,10 +183,11 @@ def numpy_controller(
     An estimator and a safety guard are those of the file (None), never there (False) or always (True). Settings
     that the file lacks have their defaults, in the units of its plant.
     """
-    settings = choose_guard(guard, policy.guard, policy.period)
-    joint = policy.robot.joint
+    settings = choose_guard(guard, policy.guard, policy.period, policy.plant)
+    joint, zeros = policy.robot.joint, policy.plant.zeros
     watch = WiringWatch(policy.plant, joint, policy.torque_limits[joint], policy.period) if settings else None
-    return LoopController(NumpyPolicy(policy, estimated), policy.robot, policy.torque_limits, settings, watch)
+    source = NumpyPolicy(policy, estimated)
+    return LoopController(source, policy.robot, policy.torque_limits, settings, watch, zeros)
 
 
 def load_controller(

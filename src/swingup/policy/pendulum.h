@@ -48,7 +48,8 @@ static inline double swingup_network(const double x[4], const double base[9])
 /* The policy alone, for the plant of its file. */
 static inline double swingup_policy(const double x[4])
 {
-    const double own[4] = {x[0], x[1], SWINGUP_TIME_UNIT * x[2], SWINGUP_TIME_UNIT * x[3]};
+    const double q1 = x[0] - swingup_zeros[0], q2 = x[1] - swingup_zeros[1];
+    const double own[4] = {q1, q2, SWINGUP_TIME_UNIT * x[2], SWINGUP_TIME_UNIT * x[3]};
     return swingup_network(own, swingup_theta);
 }
 

@@ -182,6 +182,11 @@ class PendulumPolicy(Policy):
         return self.robot.name
 
     @property
+    def finds_plant(self) -> bool:
+        """Whether an identifier finds the plant that the network sees."""
+        return self.identifier is not None and self.network.plant_stage is not None
+
+    @property
     def folded(self) -> Network:
         """The network of the state alone: the policy's own, or what a policy that sees its plant is for it."""
         return fold(self.network, base_parameters(self.plant))
@@ -212,14 +217,18 @@ def for_plant(policy: PendulumPolicy, plant: Plant) -> PendulumPolicy:
     Raises:
         SwingupError: the policy has one plant, or cannot be told this one.
     """
-    robot, made_for, plant = policy.robot, policy.plant, policy_plant(plant.frictionless(), policy.robot)
+    robot, made_for, motor = policy.robot, policy.plant, plant.limit(1 - policy.robot.joint)
+    plant = policy_plant(plant.frictionless(), robot)
     network = replace(policy.network, stages=stages_for(policy.network.stages, made_for, plant))
-    if network.plant_stage is None or policy.identifier is None:
+    if network.plant_stage is None or not policy.finds_plant:
         raise SwingupError("it has a plant of its own: leave plant out here, and judge it on any plant")
     if (reason := outside_range_message(network.plant_stage, plant)) is not None:
         raise SwingupError(reason)
     scales = arm_scales(plant).over(arm_scales(made_for))
     parts = {name: scaled(getattr(policy, name), scales) for name in policy.parts}
+    # A joint without a motor gets none from the policy.
+    identifier = parts[IdentifierSettings.PART]
+    parts[IdentifierSettings.PART] = replace(identifier, passive_limit=min(identifier.passive_limit, motor))
     limit = policy.torque_limit / made_for.limit(robot.joint) * plant.limit(robot.joint)
     return replace(policy, network=network, plant=plant, torque_limit=limit, **parts)
 

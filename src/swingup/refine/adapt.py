@@ -213,5 +213,5 @@ def shipped_for(domain: Domain, robot: Robot) -> PendulumPolicy | None:
     except SwingupError:
         return None
     assert found.identifier is not None  # it finds its plant
-    identifier = dataclasses.replace(found.identifier, passive_limit=float(domain.high.loop.passive_limit))
+    identifier = dataclasses.replace(found.identifier, passive_limit=domain.high.passive_limit(robot))
     return dataclasses.replace(found, identifier=identifier)

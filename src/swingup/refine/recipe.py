@@ -161,7 +161,7 @@ def run_recipe(
     # As it moves its own plant, in that plant's units, so it is to move this one.
     similar = similar_plant(facts, arm_scales(facts))
     controller = for_similar_plant(controller, similar)
-    limit = float(around.high.loop.passive_limit)
+    limit = around.high.passive_limit(robot)
     random, start = np.random.default_rng(seed), time.perf_counter()
 
     def judge_and_report(
@@ -170,8 +170,8 @@ def run_recipe(
         if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(now.policy.actor)):
             raise SwingupError("refining diverged: weights are not finite; start from another policy or seed")
         # Alone, or where it sees its plant with what finds that.
-        wrapped, real = wrapped_policy(for_similar_plant(now, facts), limit), now.policy.sees_plant
-        judged = make_controller(wrapped) if real else policy_alone(wrapped)
+        wrapped = wrapped_policy(for_similar_plant(now, facts), limit)
+        judged = make_controller(wrapped, estimator=now.policy.sees_plant)
         criteria = judge(judged, robot, plant=found).criteria
         seconds = time.perf_counter() - start
         report(RefinementReport(stages, number, iteration, total, seconds, wrapped, criteria, measures or {}))

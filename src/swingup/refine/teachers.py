@@ -173,7 +173,7 @@ def behind_motor(plant: Plant, gain: float) -> Plant:
 def _residual_friction(robot: Robot, domain: Domain, scales: Scales) -> dict[str, tuple[float, float]]:
     # Ranges in C.1's units. Where no motor acts on the passive joint, all of its friction is left.
     other = 2 - robot.joint
-    coulomb, damping, limit = f"cf{other}", f"b{other}", scales.similar(domain.low.loop.passive_limit, TORQUE)
+    coulomb, damping, limit = f"cf{other}", f"b{other}", scales.similar(domain.low.passive_limit(robot), TORQUE)
     maximum = {name: getattr(similar_plant(domain.high.plant, scales), name) for name in (coulomb, damping)}
     share, over = (RESIDUAL_SHARE, MAX_OVERCOMPENSATION) if limit else (1.0, 0.0)
     left = {name: max(RESIDUAL_FRICTION[name], share * value) for name, value in maximum.items()}

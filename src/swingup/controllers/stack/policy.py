@@ -19,8 +19,8 @@ from ...policy.file import write_network
 from ...policy.network import Layer, Network
 from ...policy.pendulum import PARTS, PendulumPolicy, write_pendulum_policy
 from ...tasks.task import PlantStage, Stage
-from ..interface import AbstractPlantController
-from .estimator import EstimatingController, with_estimator
+from ..interface import AbstractController, AbstractPlantController, from_zeros
+from .estimator import with_estimator
 from .regulator import RegulatingController, with_regulator
 
 ActorT = TypeVar("ActorT", bound=AnyActor)
@@ -126,9 +126,7 @@ class PolicyController(AbstractPlantController[None]):
         return None, jnp.where(jnp.array(self.robot.actuation) > 0, torque, 0.0)
 
 
-def make_controller(
-    policy: PendulumPolicy, estimator: bool | None = None
-) -> PolicyController | RegulatingController | EstimatingController:
+def make_controller(policy: PendulumPolicy, estimator: bool | None = None) -> AbstractController[Any]:
     """Make a controller of a policy, with its regulator if the file has one.
 
     An estimator stands before it where the file has one (None), never (False) or always (True). Settings that the
@@ -139,8 +137,8 @@ def make_controller(
     if policy.regulator is not None:
         acting = with_regulator(acting, robot, plant, policy.regulator, float(policy.torque_limit))
     if not (policy.estimator is not None if estimator is None else estimator):
-        return acting
-    return with_estimator(acting, robot, plant, policy.estimator, policy.identifier)
+        return from_zeros(acting, plant)
+    return from_zeros(with_estimator(acting, robot, plant, policy.estimator, policy.identifier), plant)
 
 
 def policy_alone(policy: PendulumPolicy) -> PolicyController:

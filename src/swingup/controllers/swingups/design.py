@@ -19,7 +19,7 @@ from ...common.errors import SwingupError
 from ...common.types import Scalar
 from ...dynamics.dynamics import UPRIGHT
 from ...plant.equations import StateFloats
-from ...plant.plant import LEADERBOARD, Plant, Robot, get_robot
+from ...plant.plant import LEADERBOARD, ZEROS, Plant, Robot, get_robot
 from .ilqr import Cost, ILQRSettings, Solution, Status, feedback_gains, forward, solve
 from .reference import Reference
 from .transition import AbstractTransition, PendulumTransition, TorqueRateTransition, unpack
@@ -119,7 +119,7 @@ def design_model(plant: Plant, robot: Robot) -> Plant:
     Its slope at rest would appear in a linear model as a damping of some 10 N m s/rad, by which a regulator would
     take the joint for frozen. Rotors and viscous friction stay.
     """
-    return plant.driven(robot).changed(cf1=0.0, cf2=0.0)
+    return plant.driven(robot).changed(cf1=0.0, cf2=0.0, **ZEROS)
 
 
 def compute_reference(

@@ -1,0 +1,178 @@
+"""The command ``make-controller``: from a pendulum's logs or its file to a controller for its computer."""
+
+import dataclasses
+import itertools
+from pathlib import Path
+from typing import Annotated, Any
+
+from tyro.conf import UseAppendAction, arg
+
+from ..benchmark.board import Result
+from ..benchmark.boards import SIM2REAL
+from ..benchmark.judge import judge
+from ..common import __version__
+from ..common.arrays import SUFFIX
+from ..common.checks import check_seeds
+from ..common.errors import SwingupError, command_line
+from ..common.files import check_writable
+from ..controllers.stack.policy import make_controller
+from ..export.folder import FORMS as FOLDERS
+from ..export.folder import NAME, check_export_name
+from ..identification.identify import Identification, identify
+from ..learner.presets import get_preset
+from ..learner.run import resume_run, start_run
+from ..learner.run_folder import BEST
+from ..learner.run_settings import make_run_settings
+from ..loop.domain import Domain
+from ..loop.resolve import resolve
+from ..plant.files import is_plant_name
+from ..plant.measured import measured_plant
+from ..plant.plant import ROBOTS, Plant, Robot
+from ..policy.estimator import default_estimator
+from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
+from ..policy.shipped import load_policy
+from ..report.log_report import identification_tables, report_identification
+from ..report.page import PAGE_FORMATS, save_log_report
+from .arguments import DomainName, FileName, Names, RobotName, check_outputs, word_of
+from .exporting import choose_export_guard, write_export
+from .output import Progress, tell
+from .pendulums import named_values
+from .results import result_lines, show_parts
+from .training import train_shown
+
+PRESET = "small"
+"""Swings any pendulum up after a minute of training, and runs in microseconds."""
+DRAWS = 20  # Simulated pendulums that judge the controller
+ENOUGH = 0.95  # Share of them below which the command names what to do
+START = "C.1"
+
+
+def make_controller_command(
+    sources: Annotated[tuple[str, ...], arg(metavar="LOG...|PLANT")],
+    /,
+    out: Annotated[str, arg(metavar="PATH")],
+    to: Annotated[str, word_of("format", *FOLDERS, "c")] = "c",
+    robot: RobotName | None = None,
+    start: Annotated[str | None, arg(metavar="NAME|FILE")] = None,
+    set: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME=VALUE...")] = (),
+    known: Annotated[tuple[str, ...], arg(metavar="NAME=VALUE...")] = (),
+    columns: Names = (),
+    force: bool = False,
+    domain: DomainName | None = None,
+    frames: int | None = None,
+    seed: int = 0,
+    seeds: int = DRAWS,
+    name: str = NAME,
+    page: FileName | None = None,
+) -> int:
+    """Make a controller for your pendulum from its logs in two minutes: identify, train, judge and export.
+
+    Beside OUT the command writes OUT.safetensors, the policy, and for logs OUT-plant.yml with the plant and
+    OUT-plant-domain.yml with its ranges. It continues a training that was interrupted, in OUT-run.
+
+    Args:
+        sources: logs as of swingup identify; or the file of a plant, perhaps with ranges and a loop.
+        out: the C header, or the folder, new or empty.
+        to: c, a C99 header; realaigym or cloudpendulum, a folder that needs NumPy alone.
+        robot: acrobot or pendubot, where the plant has two motors.
+        start: the plant to start the identification from; default: C.1, or rods with --set.
+        set: what a ruler and a scale say of the pendulum, as of swingup plant; replaces the start's.
+        known: values that you know, as of swingup identify.
+        columns: names and units of the logs' columns, as of swingup identify.
+        force: take logs as they are that look wrong.
+        domain: the loop of the simulation that judges: a domain's name or file; what the source says of it counts.
+        frames: frames to train; default: those of the preset small.
+        seed: seed of the training.
+        seeds: simulated pendulums that judge the controller.
+        name: of the entry (con_NAME.py, controller_NAME.py), and what all names in a C header begin with.
+        page: page (.html) or figure (.png, .svg, .pdf) of the logs, as of swingup identify.
+    """
+    if not sources:
+        raise SwingupError("swingup make-controller needs LOG... or PLANT: see swingup make-controller --help")
+    check_export_name(name)
+    check_writable(out)
+    check_outputs(PAGE_FORMATS, page)
+    check_seeds(0, seeds)
+    path = Path(out).with_suffix("") if to == "c" else Path(out)
+    if is_plant_name(sources[0]):
+        _refuse_logs(sources, {"start": start, "set": set, "known": known, "columns": columns, "page": page})
+        around = resolve(sources[0], domain)
+    else:
+        found = _identified(sources, start, set, known, columns, force)
+        around = resolve(resolve(domain=found.save(path.with_name(f"{path.name}-plant.yml"))), domain)
+        if page is not None:
+            save_log_report(report_identification(found), page)
+    robot = _the_robot(around.nominal_plant, robot)
+    policy, status = _trained(around.nominal_plant, robot, path, frames, seed)
+    if policy is None:
+        return status
+    policy = dataclasses.replace(policy, guard=choose_export_guard(policy, to, True, {}))
+    options: dict[str, Any] = {"to": to, "out": out, "robot": robot.name, "seed": seed, "frames": frames}
+    provenance = {"command": command_line("make-controller", *sources, **options), "version": __version__}
+    write_pendulum_policy(file := f"{path}{SUFFIX}", policy, {**policy.metadata, **provenance})
+    result = _judged(policy, around, seeds, file)
+    write_export(policy, to, out, name)
+    again = command_line("refine", robot.name, recipe="adapt", plant=around.name, out=f"{path}-adapted{SUFFIX}")
+    if result.successes < ENOUGH * len(result.runs):
+        tell(f"it fails on {len(result.runs) - result.successes} of {len(result.runs)}: an hour of {again}")
+    return 0
+
+
+def _refuse_logs(sources: tuple[str, ...], given: dict[str, Any]) -> None:
+    if len(sources) > 1:
+        raise SwingupError(f"{len(sources)} files, the first of a plant: give one plant, or logs alone")
+    for name, value in given.items():
+        if value:
+            raise SwingupError(f"--{name} is for logs, and {sources[0]} is a plant: leave it out")
+
+
+def _identified(
+    logs: tuple[str, ...], start: str | None, values: Any, known: tuple[str, ...], columns: Any, force: bool
+) -> Identification:
+    """The pendulum of the logs, shown."""
+    measured = named_values("--set", itertools.chain(*values), "m1=0.5")
+    begin = measured_plant(start, measured).plant if measured else (start or START)
+    facts = named_values("--known", known, "m2r2=0.16")
+    Progress().log("identifying the pendulum")
+    found = identify(logs, (), begin, facts, columns=columns, force=force)
+    show_parts(identification_tables(found), found.notes)
+    return found
+
+
+def _the_robot(plant: Plant, given: Robot | None) -> Robot:
+    """The robot that a plant with one motor is, or the one that was named."""
+    able = [each for each in ROBOTS.values() if plant.limit(each.joint) > 0]
+    if given is None and len(able) != 1:
+        what = "two motors" if able else "no motor"
+        raise SwingupError(
+            f"{plant} has {what}: " + ("name --robot acrobot or pendubot" if able else "raise tl1 or tl2")
+        )
+    return able[0] if given is None else given
+
+
+def _trained(
+    plant: Plant, robot: Robot, path: Path, frames: int | None, seed: int
+) -> tuple[PendulumPolicy | None, int]:
+    """The best policy of a run on the plant with its friction, behind an estimator; None where it was stopped."""
+    folder = path.with_name(f"{path.name}-run")
+    if folder.exists():
+        run = resume_run(folder, frames)
+    else:
+        settings = make_run_settings(robot.name, PRESET, plant=plant, seed=seed)
+        run = start_run(settings, folder, get_preset(PRESET).frames if frames is None else frames)
+    if status := train_shown(run):
+        return None, status
+    found = load_policy(str(folder / BEST), robot)
+    return dataclasses.replace(found, estimator=default_estimator(found.plant)), 0
+
+
+def _judged(policy: PendulumPolicy, around: Domain, seeds: int, file: str) -> Result:
+    """How the controller does on pendulums drawn from the ranges that the logs leave, shown."""
+    with Progress() as bar:
+        judged = make_controller(policy)
+        result = judge(
+            judged, policy.robot, SIM2REAL, seeds, name=file, domain=around,
+            progress=lambda done, total: bar("simulated pendulums", done, total),
+        )  # fmt: skip
+    tell(*result_lines(result, file))
+    return result
