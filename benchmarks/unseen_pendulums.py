@@ -4,7 +4,7 @@ Usage: python benchmarks/unseen_pendulums.py [--first SEED] [--number N] [--star
 Needs gcc. A seed draws a pendulum with one motor, of even seeds at the shoulder; dry friction of 0.3 to 1.5 % of
 gravity's torque at the motor and of 0.08 to 0.4 % at the other joint; encoders of 8,192 counts whose zeros are 40
 and -30 mrad; a lag and a delay. Its logs are simulated here with NumPy alone, the controller runs in
-``outside_loop.c``. The identification starts from what a ruler and a scale say: rods, masses within 5 %. Printed are
+``outside_loop.c``. The identification starts from what a ruler and a scale say: rods, masses within 5 %. It prints
 the starts within 0.05 rad of hanging after which the tip is above 0.9 (l1 + l2) throughout the last 2 of 10 s, how
 many the guard stopped, and the CPU time of the one command.
 """

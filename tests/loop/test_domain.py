@@ -12,7 +12,7 @@ from swingup.loop.loop import VALUES
 from swingup.loop.resolve import PLANT, resolve
 from swingup.plant.files import load_plant
 from swingup.plant.plant import get_robot
-from swingup.policy.shipped import load_policy
+from swingup.policy.shipped import load_pendulum_policy
 
 ACROBOT = get_robot("acrobot")
 FIRST_DRAW = [0.43446442676405217, 0.0755743854035989, 0.002119275055824273, -0.0007073005820577105]
@@ -192,8 +192,8 @@ def test_a_loop_adds_no_motor():
     ]
     assert limits == [[0.0] * 2, [0.5] * 2, [0.0] * 2]
     # Nor does a policy: from a plant with both motors, for one with one.
-    policy, one = load_policy("adaptive", robot), resolve(domain=weak).facts
-    assert load_policy("adaptive", robot, one).torque_limits == (policy.torque_limits[0], 0.0) == (6.0, 0.0)
+    policy = load_pendulum_policy("adaptive", robot, resolve(domain=weak).facts)
+    assert policy.torque_limits == (6.0, 0.0)
     none = resolve(domain={**weak, "tl1": 0.0})
     for given in ((none, "recorded"), ("C.1", none)):
         assert "has no motor" in refusal(resolve, *given)

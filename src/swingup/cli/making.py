@@ -30,7 +30,7 @@ from ..plant.measured import measured_plant
 from ..plant.plant import ROBOTS, Plant, Robot
 from ..policy.estimator import default_estimator
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
-from ..policy.shipped import load_policy
+from ..policy.shipped import load_pendulum_policy
 from ..report.log_report import identification_tables, report_identification
 from ..report.page import PAGE_FORMATS, save_log_report
 from .arguments import DomainName, FileName, Names, RobotName, check_outputs, word_of
@@ -162,7 +162,7 @@ def _trained(
         run = start_run(settings, folder, get_preset(PRESET).frames if frames is None else frames)
     if status := train_shown(run):
         return None, status
-    found = load_policy(str(folder / BEST), robot)
+    found = load_pendulum_policy(str(folder / BEST), robot)
     return dataclasses.replace(found, estimator=default_estimator(found.plant)), 0
 
 

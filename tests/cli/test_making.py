@@ -1,0 +1,45 @@
+"""The command make-controller: what it writes beside a header, and what it refuses first."""
+
+import pytest
+
+from refusals import refusal
+from swingup import load_plant
+from swingup.cli.making import make_controller_command
+from swingup.policy.shipped import load_pendulum_policy
+
+FACTS = "plant C.1 --set tl1=0 --out mine.yml"
+
+
+def test_what_is_refused_before_anything_is_made(run, tmp_path):
+    run(FACTS)
+    told = {
+        "has two motors: name --robot": ("C.1",),
+        "has no motor": ("idle.yml",),
+        "2 files, the first of a plant": ("mine.yml", "a.csv"),
+    }
+    run("plant C.1 --set tl1=0 tl2=0 --out idle.yml")
+    for text, sources in told.items():
+        assert text in refusal(make_controller_command, sources, out="policy.h")
+    assert "--columns is for logs" in refusal(make_controller_command, ("mine.yml",), out="x.h", columns=("q1=a",))
+    assert {each.name for each in tmp_path.iterdir()} - {"cache"} == {"mine.yml", "idle.yml"}
+
+
+@pytest.mark.slow
+def test_from_a_plant_to_a_header_with_its_zeros(run, tmp_path):
+    run(FACTS)
+    with open("mine.yml", "a") as file:
+        file.write("delay: 0.004\n")
+    text = (tmp_path / "mine.yml").read_text().replace("zero1: 0.0", "zero1: 0.04")
+    (tmp_path / "mine.yml").write_text(text)
+    told = run("make-controller mine.yml --frames 4096 --seeds 2 --out policy.h")
+    assert "of 2" in told
+    assert "swingup refine acrobot --recipe=adapt --plant=mine.yml" in told
+    policy, plant = load_pendulum_policy("policy.safetensors"), load_plant("mine.yml")
+    assert (policy.robot.name, policy.parts) == ("acrobot", ("estimator", "guard"))
+    assert policy.plant == plant
+    assert policy.torque_limits == (0.0, 6.0)
+    header = (tmp_path / "policy.h").read_text()
+    assert "swingup_zeros[2] = {4.e-02, 0.e+00}" in header
+    # A second call goes on with the run that is there, which has reached its frames.
+    run("make-controller mine.yml --frames 4096 --seeds 2 --to realaigym --out policy")
+    assert (tmp_path / "policy" / "con_swingup.py").exists()
