@@ -36,7 +36,7 @@ from ..loop.loop import Loop
 from ..loop.resolve import resolve
 from ..plant.base_parameters import BASE, BASE_NAMES, base_parameters
 from ..plant.files import representative
-from ..plant.plant import Plant, PlantLike, Robot, get_robot
+from ..plant.plant import ZEROS, Plant, PlantLike, Robot, get_robot
 from ..policy.guard import Fault, Guard, GuardSettings, choose_guard
 from ..policy.numpy_backend import numpy_controller
 from ..policy.pendulum import PendulumPolicy
@@ -195,7 +195,12 @@ def diagnose(
     driven = driven_robot(recording.name, recording.u) if robot is None else get_robot(robot)
     found = load_pendulum_policy(policy, driven)
     facts = resolve(found.plant if plant is None else plant, domain)
-    guard = choose_guard(True, found.guard, found.period)
+    # The policy subtracts its plant's zeros: what is left of them is what may be wrong.
+    recording = replace(recording, q=recording.q - found.plant.zeros)
+    found = replace(found, plant=found.plant.changed(**ZEROS))
+    low, high = (end._replace(plant=end.plant.changed(**ZEROS)) for end in (facts.low, facts.high))
+    facts = replace(facts, low=low, high=high)
+    guard = choose_guard(True, found.guard, found.period, found.plant)
     assert guard is not None
     expected = _expected(facts, recording.period - guard.dt)
     explanations = explain(recording, integration_of(facts.nominal_plant), expected)
