@@ -117,7 +117,8 @@ def export_command(
         found = dataclasses.replace(found, plant=validated(found.plant.changed(**zeros)))
         found = dataclasses.replace(found, guard=choose_export_guard(found, to, guard, changes))
     elif any(value is not None for value in (zeros | changes).values()):
-        raise SwingupError(f"{policy} is of {quoted(found.task)}, without guard and zeros: leave their options out")
+        what = f"{policy} is of {quoted(found.task)}, without zeros and without a guard"
+        raise SwingupError(f"{what}: leave its settings out")
     write_export(found, to, out, name, username, precision)
 
 
