@@ -83,7 +83,7 @@ class LoopController(Generic[SourceT]):
         watch: WiringWatch | None = None,
         zeros: tuple[float, float] = (0.0, 0.0),
     ) -> None:
-        """Take what computes the torques, the limits of both joints (N m), what a guard watches, and zeros (rad)."""
+        """Take what computes the torques, both joints' limits (N m), what a guard watches, and the zeros (rad)."""
         self.inner, self.robot, self.torque_limits = inner, robot, limits
         self.guard = None if guard is None else Guard(guard, robot.joint, limits, watch)
         self._limits, self._zeros = np.array(limits), np.array([*zeros, 0.0, 0.0])
