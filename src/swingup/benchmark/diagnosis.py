@@ -383,13 +383,15 @@ class _Case:
 
     def _own_share(self, states: np.ndarray) -> float:
         """Share of the first calls in which the policy gives the log's torque for the log's state."""
-        controller, joint = numpy_controller(self.policy, guard=False), self.robot.joint
+        controller, joint = numpy_controller(self.policy, guard=self.guard), self.robot.joint
         limit, alike = self.policy.torque_limits[joint], []
         for t, x, u in zip(self.recording.time, states, self.recording.u, strict=True):
-            if t > REPLAYED:
+            own = controller(x, float(t))[joint]
+            # What comes after a stop is the robot's, with a guard or without.
+            if t > REPLAYED or controller.fault is not None:
                 break
-            alike.append(abs(controller(x, float(t))[joint] - u[joint]) < ALIKE * limit)
-        return float(np.mean(alike))
+            alike.append(abs(own - u[joint]) < ALIKE * limit)
+        return float(np.mean(alike)) if alike else 1.0
 
     def _fault(self, states: np.ndarray) -> Fault | None:
         """What the policy's guard stops on, at the log's rows."""
