@@ -24,6 +24,9 @@ ELSEWHERE = {
     "changelog.md": "CHANGELOG.md",
 }
 """Pages of the site that are files of the repository outside of docs/."""
+STUDIES = {f"study-{page.name}": f"benchmarks/{page.name}" for page in (ROOT / "benchmarks").glob("[a-z]*.md")}
+"""More of them, which readers reach by links: the navigation would be too long with them."""
+ELSEWHERE |= STUDIES
 
 LINK = re.compile(r"\[([^\]]*)\]\(([^)#\s]+)(#[^)\s]*)?\)")
 SOURCE_NAME = re.compile(r"\.py: (\w+)`$")
@@ -38,13 +41,13 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages and pictures whose source is not in docs/."""
     contents = {page: (ROOT / source).read_text(encoding="utf-8") for page, source in ELSEWHERE.items()}
     for page, content in (contents | {"examples.md": _examples()}).items():
-        files.append(File.generated(config, page, content=content))
+        kind = InclusionLevel.NOT_IN_NAV if page in STUDIES else InclusionLevel.UNDEFINED
+        files.append(File.generated(config, page, content=content, inclusion=kind))
     linked = {path for page in _sources() for path in _linked(page)}
     for path in sorted(linked):
         if SOURCE.fullmatch(path):
-            # Readers reach these pages by links: the navigation would be too long with them.
-            hidden = InclusionLevel.NOT_IN_NAV
-            files.append(File.generated(config, _code_page(path), content=_code(path), inclusion=hidden))
+            content, hidden = _code(path), InclusionLevel.NOT_IN_NAV
+            files.append(File.generated(config, _code_page(path), content=content, inclusion=hidden))
         elif PICTURE.fullmatch(path) and not path.startswith("docs/"):
             files.append(File.generated(config, _picture(path), abs_src_path=str(ROOT / path)))
     return files

@@ -202,3 +202,26 @@ def test_sizes_of_headers(script):
     flash, _, self_test = found.measure(found.BOARDS["x86-64"], found.small_policy((4,)), "single")
     assert 4 * (12 + 4 + 5 + 6) < flash < 4_000
     assert self_test == "0"
+
+
+def test_every_claim_has_a_page_a_command_and_code(script):
+    module = script("claims")
+    claims = module.read_claims()
+    rows = [line for line in (BENCHMARKS / "README.md").read_text().splitlines() if line.startswith("| [")]
+    assert len(claims) == len(rows) > 20
+    for claim in claims:
+        assert (BENCHMARKS / claim.page).is_file(), claim
+        assert claim.command.startswith("swingup ") or (BENCHMARKS.parent / claim.command.split()[1]).is_file(), (
+            claim
+        )
+        assert all((BENCHMARKS.parent / "src" / "swingup" / name).is_dir() for name in claim.folders), claim
+    # A claim of the first day has older code than one of a day to come.
+    first, last = (claims[0]._replace(date=date) for date in ("2000-01-01", "2099-01-01"))
+    assert module.changed_since(first) > module.changed_since(last) == 0
+
+
+def test_a_study_has_a_screen_or_two():
+    long = {
+        page.name: count for page in BENCHMARKS.glob("*.md") if (count := len(page.read_text().splitlines())) > 40
+    }
+    assert long.keys() <= {"README.md"}, long

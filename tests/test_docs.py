@@ -27,8 +27,11 @@ from swingup.policy.shipped import shipped_file
 from swingup.report.page import make_section
 
 ROOT = Path(swingup.__file__).parents[2]
-OTHERS = "README.md", "CONTRIBUTING.md", "benchmarks/README.md", "lab/authors.md", "src/swingup/zoo/README.md"
-PAGES = [*map(ROOT.joinpath, OTHERS), *sorted((ROOT / "docs").glob("*.md"))]
+OTHERS = "README.md", "CONTRIBUTING.md", "lab/authors.md", "src/swingup/zoo/README.md"
+PAGES = [
+    *map(ROOT.joinpath, OTHERS),
+    *(page for name in ("benchmarks", "docs") for page in sorted((ROOT / name).glob("*.md"))),
+]
 NOTEBOOK = ROOT / "examples" / "08_first_steps.ipynb"
 
 pytestmark = pytest.mark.skipif(not (ROOT / "docs").is_dir(), reason="the pages are only in a checkout")

@@ -23,10 +23,12 @@ from swingup.common.errors import one_line, quoted
 from swingup.export.folder import export_folder
 from swingup.gym import PendulumEnv, PendulumVectorEnv
 from swingup.identification.excitation import excite
+from swingup.learner.backend import check_actions
 from swingup.learner.problem import make_problem, problem_from_record
 from swingup.loop.resolve import resolve
 from swingup.plant.plant import ROBOTS
 from swingup.policy.shipped import load_policy
+from swingup.policy.spaces import Space
 from swingup.refine.adapt import adapt
 from swingup.refine.recipe import run_recipe
 from swingup.report.film import animate
@@ -53,6 +55,10 @@ def disturbance(**given):
 
 def plot(kind, files, out):
     return plot_command(kind, files, out=out)
+
+
+def c1(**numbers):
+    return load_plant(load_plant("C.1").changed(**numbers))
 
 
 LEARNER = {"env": Noisy} | TINY
@@ -100,6 +106,9 @@ ENTRIES = {
         "robot": ["cartpole"], "source": ["ar-eapo", "tvlqr", "globel", "nothing.safetensors"],
     },
     load_plant: {"source": ["C.2", "missing.yml"]},
+    c1: {
+        "gr": [0.0, 1e-300], "tl1": [-1.0, 1e-200], "g": [0.0, 1e-200], "cf1": [1e10], "m1": [math.nan],
+    },
     resolve: {"plant": ["C.3", "missing.yml"], "domain": ["idenfied", "missing.yml"]},
     usually(excite, domain="C.1"): {"torque": [7.0], "joint": ["hip"], "duration": [1]},
     usually(search, env="CartPole-v1", space={"learning_rate": "1e-4:1e-2"}, trials=1, out="out"): {
@@ -133,6 +142,13 @@ TOGETHER = {
     "an environment that was passed in serves one": lambda: AREAPO(Noisy(), seeds=2, **TINY),
     "callback = 3": lambda: AREAPO(Noisy, **TINY).learn(64, 3),
     "1024 of 1024 resets gave an observation that is not finite": lambda: AREAPO(Lever(shown=math.nan), **TINY),
+    "no LQR can hold this pendubot upright": lambda: get_controller("lqr", "pendubot", plant=c1(I2=1e-12, r2=0.0)),
+    "estimator setting acceleration_noise": lambda: dataclasses.replace(
+        ADAPTIVE, plant=ADAPTIVE.plant.changed(g=9e8)
+    ),
+    "give it a motor": lambda: get_task("global", ACROBOT, c1(tl2=0.0)),
+    "torque limit of 0: raise tl2": lambda: get_controller("lqr", "acrobot", plant=c1(tl2=0.0)),
+    "trained with actions of no space": lambda: check_actions({}, Space((1,), "float32", low=[-1.0], high=[1.0])),
 }
 """Arguments of which each alone is good."""
 

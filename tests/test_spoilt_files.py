@@ -3,6 +3,7 @@
 Other seeds: ``SWINGUP_FUZZ_SEEDS=5,6,7 python -m pytest -m slow tests/test_spoilt_files.py``.
 """
 
+import contextlib
 import dataclasses
 import functools
 import io
@@ -20,7 +21,7 @@ import pytest
 from scipy.io import savemat
 
 from policy.references import sighted_policy, small_policy
-from swingup import BOARDS, SwingupError, load_plant, measured_plant, save_plant, score
+from swingup import BOARDS, SwingupError, get_controller, load_plant, measured_plant, save_plant, score
 from swingup.areapo.checkpoint import load_checkpoint, read_metadata, save_checkpoint
 from swingup.benchmark.recording import load_trajectory
 from swingup.benchmark.robustness_board import CRITERIA
@@ -28,6 +29,7 @@ from swingup.controllers.stack.policy import policy_of
 from swingup.controllers.swingups.reference import Reference, load_reference, save_reference
 from swingup.export.c_header import c_header
 from swingup.identification.recording import read_recording
+from swingup.learner.backend import check_actions
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run_settings import make_run_settings, read_run_settings
 from swingup.loop.resolve import resolve
@@ -40,6 +42,7 @@ from swingup.policy.identifier import IdentifierSettings
 from swingup.policy.numpy_backend import numpy_controller
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
 from swingup.policy.regulator import RegulatorSettings
+from swingup.policy.spaces import Space
 from swingup.report.figures import curves_figure, read_robustness, robustness_figure
 
 WORDS = [
@@ -53,7 +56,7 @@ WORDS = [
     "<![CDATA[x]]>", "<include file='/etc/passwd'/>",
     '<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;">]>',
     "<?xml version='1.0' encoding='idna'?>", "<a " + "".join(f"a{k}='' " for k in range(900)) + "/>", "base",
-    "free", "global", "XyZ", "torque_limit: 6",
+    "free", "global", "XyZ", "torque_limit: 6", "1e-200", "-1e-200", "1e-300", "2.5e8", "9.9e8", "1.6e9", "1e-9",
 ]  # fmt: skip
 """In the place of others."""
 BOMB = "a0: &a0 [u, u, u, u, u, u, u, u, u]\n" + "".join(
@@ -198,7 +201,10 @@ MODELS = [*(model_text(suffix, "x", PLANT | {"Ir": 0.001, "gr": 6.0}) for suffix
 def run_policy(path):
     """A policy that is accepted gives finite torques, and has a header in C."""
     found = read_pendulum_policy(path)
-    controller = numpy_controller(found)
+    try:
+        controller = numpy_controller(found)
+    except SwingupError as error:
+        raise AssertionError(f"read, then refused: {error}") from error
     torques = [controller(np.array([0.1 * k, 0.2, 300.0, -0.1]), 0.002 * k) for k in range(3)]
     assert np.isfinite(torques).all(), f"torques {torques}"
     if found.network.activation == "relu":
@@ -209,7 +215,36 @@ def import_model(path):
     """A model file that makes a plant can be written, or is refused."""
     found = measured_plant(path, {"l2": 0.3, "tl1": 1.0, "tl2": 1.0}, "centre")
     assert all(note.isprintable() for note in found.notes)
-    save_plant(f"{path}.urdf", found.plant)
+    save_and_load(path, found.plant)
+
+
+def save_and_load(path, plant):
+    """A plant's file that is written is read as well."""
+    for suffix in (".urdf", ".xml"):
+        try:
+            save_plant(path + suffix, plant)
+        except SwingupError:
+            continue
+        try:
+            load_plant(path + suffix)
+        except SwingupError as error:
+            raise AssertionError(f"written, then refused: {error}") from error
+
+
+def use_plant(path):
+    """A plant that is accepted has units, an LQR and files, or each refuses it."""
+    plant = load_plant(path)
+    save_and_load(path, plant)
+    for robot in ROBOTS.values():
+        with contextlib.suppress(SwingupError):
+            get_controller("lqr", robot, plant=plant)
+        with contextlib.suppress(SwingupError):
+            get_controller("adaptive", robot, plant=plant)
+
+
+def resume(path):
+    """A checkpoint's actions are compared with those of the environment."""
+    check_actions(read_metadata(path).get("actions"), Space((1,), "float32", low=[-1.0], high=[1.0]))
 
 
 def score_log(path, board):
@@ -240,15 +275,15 @@ def log_by(save):
 
 
 KINDS = {
-    "map.yml": (of(*MAPS), [load_plant, resolve]),
+    "map.yml": (of(*MAPS), [load_plant, resolve, use_plant]),
     "run.csv": (of(*TRAJECTORIES), [*ON_BOARDS, *LOGS]),
     "run.npz": (log_by(lambda stream, arrays: np.savez(stream, **arrays)), LOGS),
     "run.mat": (log_by(lambda stream, arrays: savemat(stream, {"log": arrays, "n": 1})), LOGS),
     "policy.safetensors": (of_arrays(*POLICIES), [run_policy, run_policy, read_network]),
     "reference.safetensors": (of_arrays(written(save_reference, REFERENCE, {})), [load_reference]),
     "checkpoint.safetensors": (
-        of_arrays(written(save_checkpoint, LIKE, {"frames": 1024, "best": [0.1, None]})),
-        [lambda path: load_checkpoint(path, LIKE), read_metadata],
+        of_arrays(written(save_checkpoint, LIKE, {"frames": 1024, "best": [0.1, None], "actions": {"low": -1}})),
+        [lambda path: load_checkpoint(path, LIKE), read_metadata, resume],
     ),
     "config.json": (of(json.dumps(CONFIG, indent=1)), [lambda path: read_run_settings(Path(path).parent)]),
     "metrics.jsonl": (

@@ -200,10 +200,15 @@ def test_forged_recordings_get_no_score(robot, board, seed):
 def test_a_robots_recording_keeps_its_score_and_its_forgery_gets_none():
     """At 33 Hz, where energy agrees only because each torque acts from the next row on."""
     rows = load_trajectory(Path(__file__).parents[2] / "examples/logs/C1-acrobot-mcpilco.csv")
-    for board, kept, warnings in (("hardware", 0.482, {"rate"}), ("performance", 0.262, {"rate", "measured"})):
+    for board, kept, warnings in (
+        ("hardware", 0.482, {"rate", "band"}),
+        ("performance", 0.262, {"rate", "measured", "band"}),
+    ):
         found = score(rows, "acrobot", board)
         assert found.score == pytest.approx(kept, abs=5e-4)
         assert {each.partition(":")[0] for each in found.warnings} == warnings
+        low, _, high = found.warnings[-1].split()[1:4]
+        assert float(low) < kept < float(high)
         for forged in (scaled(rows, torque=0.2), scaled(rows, velocity=0.97)):
             assert "scores it all the same" in refusal(score, forged, "acrobot", board)
 

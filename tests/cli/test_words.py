@@ -8,9 +8,9 @@ import sys
 import pytest
 
 from swingup.areapo.config import HYPERPARAMETERS
-from swingup.cli import main
+from swingup.cli import commands, main
 from swingup.cli.arguments import split_commas
-from swingup.cli.commands import COMMANDS
+from swingup.cli.commands import COMMANDS, NARROWEST
 from swingup.cli.results import WHAT_TO_TRY
 from swingup.controllers.registry import BUILT_IN
 
@@ -118,6 +118,22 @@ def test_each_help_names_what_there_is(command, capsys):
     assert "None" not in told
     words = " ".join(told.replace("│", " ").split()).replace("- ", "-")
     assert [name for name in NAMED.get(command, ()) if name not in words] == []
+
+
+def test_the_help_of_a_narrow_terminal_ends(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "3")
+    assert main(["leaderboard", "--help"]) == 0
+    # Without a minimum, tyro wraps for minutes and takes gigabytes.
+    assert max(map(len, capsys.readouterr().out.splitlines())) >= NARROWEST
+
+
+def test_a_platform_that_jax_lacks_is_named(monkeypatch, capsys):
+    def needs(words):
+        raise RuntimeError("Unable to initialize backend 'rocm': it is not known. (set JAX_PLATFORMS='')")
+
+    monkeypatch.setattr(commands, "run_command", needs)
+    assert main(["train"]) == 2
+    assert "error: Unable to initialize backend 'rocm'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("advice", WHAT_TO_TRY.values())

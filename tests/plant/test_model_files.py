@@ -3,7 +3,9 @@
 import math
 import shutil
 import sys
+from importlib import metadata
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ import yaml
 from benchmark.independent import derivative
 from refusals import refusal
 from swingup import SwingupError, load_policy, measured_plant, save_plant
+from swingup.common.errors import installing
 from swingup.loop.resolve import resolve
 from swingup.plant.files import SHIPPED_PLANTS, load_plant
 from swingup.plant.model_file import read_model
@@ -297,15 +300,26 @@ def test_damaged_installations_are_named(tmp_path, monkeypatch):
         read_model, DATA / "C.1.urdf"
     )
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    assert "pip install 'swingup[mujoco]'" in refusal(read_model, DATA / "C.1.urdf")
+    assert installing("mujoco") in refusal(read_model, DATA / "C.1.urdf")
+
+
+@pytest.mark.parametrize(("origin", "words"), {
+    None: "'swingup[plot]'",
+    '{"url": "file:///a%20b", "dir_info": {"editable": true}}': "-e '/a b[plot]'",
+    '{"url": "file:///swingup.whl", "archive_info": {}}': "'swingup[plot] @ file:///swingup.whl'",
+    '{"url": "https://x.org/s", "vcs_info": {"vcs": "git"}}': "'swingup[plot] @ git+https://x.org/s'",
+}.items())  # fmt: skip
+def test_an_extra_comes_from_where_the_package_does(origin, words, monkeypatch):
+    monkeypatch.setattr(metadata, "distribution", lambda name: SimpleNamespace(read_text=lambda file: origin))
+    assert installing("plot") == f"pip install {words}"
 
 
 def test_what_cannot_be_written(tmp_path):
     plant = load_plant("C.1")
     assert "b1 = -1 is negative" in refusal(save_plant, tmp_path / "x.xml", plant.changed(b1=-1.0))
-    for gear in (0.0, 1e-200):
-        named = f"gr = {gear:g} must be at least 1e-06"
-        assert named in refusal(save_plant, tmp_path / "x.urdf", plant.changed(gr=gear))
+    for name, value, minimum in (("gr", 1e-8, 1e-6), ("l2", 0.1, 0.127847)):
+        named = f"{name} = {value:g} must be above {minimum:g}"
+        assert named in refusal(save_plant, tmp_path / "x.urdf", plant.changed(**{name: value}))
     # m2 r2 = 0.16 and l1 = 0.2: a positive I1 + m2 l1² = 0.057 lets m2 be 1.35 kg at most, so that I2 ≥ 0.019.
     slim = plant.changed(I2=0.015, I1=0.04)
     assert "no bodies move as this plant does" in refusal(save_plant, tmp_path / "x.urdf", slim)

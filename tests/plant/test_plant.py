@@ -142,7 +142,7 @@ def test_mass_matrix_must_be_definite():
 
 BAD_FILES = {
     "m1 = -0.5 must be positive": {"m1": -0.5},
-    **{f"{name} = 0 must be positive": {name: 0.0} for name in ("m2", "l1", "l2", "g")},
+    **{f"{name} = 0 must be positive": {name: 0.0} for name in ("m2", "l1", "l2", "gr", "g")},
     **{f"{name} = 1e-200 must be at least 1e-09": {name: 1e-200} for name in ("m1", "l1", "l2", "g")},
     "r1 = nan must be finite": {"r1": math.nan},
     "l1 = 1e+200 must be finite and below 1e+09": {"l1": 1e200},

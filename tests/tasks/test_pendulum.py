@@ -64,6 +64,7 @@ def test_passive_joint_gets_no_torque(robot):
     task = dataclasses.replace(paper_task(robot), parameters=load_plant("C.1").changed(tl1=10.0, tl2=10.0))
     expected = {"acrobot": [0.0, -5.0], "pendubot": [-5.0, 0.0]}[robot.name]
     np.testing.assert_allclose(task.torque(jnp.array([-0.5])), expected)
+    np.testing.assert_array_equal(np.isnan(task.torque(jnp.array([math.nan]))), robot.actuation)
 
 
 def test_reset_hangs_with_gaussian_noise_on_all_four_states():

@@ -19,7 +19,7 @@ from ..plant.plant import LEADERBOARD, PlantLike, Robot, get_robot
 from .board import AbstractBoard, Case, Result, Run, Setting
 from .boards import BOARDS, get_board
 from .disturbances import DisturbanceSettings
-from .plausibility import examine
+from .plausibility import TORQUE_ERROR, examine, possible_runs
 from .recording import recorded, scorable_rows
 from .rollout import Scenario, SimulatedBatch, Trajectory
 from .runner import Progress, prepare, run_many, stack
@@ -137,16 +137,25 @@ def score(
     else:
         found = resolve(LEADERBOARD if plant is None else plant).facts
     rows, setting = scorable_rows(trajectory), Setting(robot, found)
-    run = board.on(setting).score(Case(Scenario(setting.nominal)), rows)
+    case, judge_of = Case(Scenario(setting.nominal)), board.on(setting)
     # The criteria of one run, also where the board itself shows those of many.
-    result = summed_up(name, replace(board, domain=None, note=None), setting, (run,), ())
+    alone = replace(board, domain=None, note=None)
+    result, *possible = (
+        summed_up(name, alone, setting, (judge_of.score(case, each),), ())
+        for each in (rows, *possible_runs(rows, found))
+    )
     findings = examine(trajectory, robot, board, found)
     # Nobody invents a score of 0.
     refusals = [each for each in findings if each.refuses and result.values["score"]]
     if refusals and not force:
         raise SwingupError(f"{name}: {refusals[0].text}; --force scores it all the same")
-    warnings = tuple(f"{each.name}: {each.text}" for each in findings)
-    return replace(result, trajectory=trajectory, rate=float(1 / np.median(np.diff(rows.time))), warnings=warnings)
+    warnings = [f"{each.name}: {each.text}" for each in findings]
+    if band := [value for each in possible if (value := each.values["score"]) is not None]:
+        cause = f"torques that are off by {TORQUE_ERROR:.0%}, and noise of the velocities"
+        warnings.append(f"band: {min(band):.3f} to {max(band):.3f} is the score of its rows for {cause}")
+    return replace(
+        result, trajectory=trajectory, rate=float(1 / np.median(np.diff(rows.time))), warnings=tuple(warnings)
+    )
 
 
 def summed_up(

@@ -28,6 +28,7 @@ from .rollout import Trajectory
 from .swing_up_board import MIN_SPAN, SwingUpBoard
 from .uptime_board import UptimeBoard
 
+TORQUE_ERROR = 0.1  # Share by which a robot's torques may be off: constants of motors are known no better
 HANGING_TOLERANCE = (0.2, 1.0)
 """A start within this of hanging at rest hangs (rad, and rad/s on C.1); recordings have 0.001 rad and 0.1 rad/s."""
 
@@ -77,9 +78,28 @@ def examine(
         if not clean:
             found += _noise(x[:, :2], board.perfect)
             # Noise on a robot's velocities would hide a fault.
-            window = scales_of(plants[1]).scaled(SLOPE_WINDOW, TIME)
-            x = np.column_stack([x[:, :2], slopes_of(time, np.unwrap(x[:, :2], axis=0), window)])
+            x = _smooth(time, x, plant)
         return [*found, *_balance(period, x, u, plants, robot, clean, drawn=board.domain is not None)]
+
+
+def possible_runs(trajectory: Trajectory, plant: Plant) -> list[Trajectory]:
+    """Runs that a recording with noise may be of: the torques off by 10 %, the velocities measured or smoothed.
+
+    A recording without noise is of one run: the list is then empty.
+    """
+    time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
+    with np.errstate(all="ignore"):
+        if _is_clean(np.diff(time), x):
+            return []
+        states = x, _smooth(time, x, plant)
+    factors = 1 - TORQUE_ERROR, 1.0, 1 + TORQUE_ERROR
+    return [Trajectory(time, each, factor * u) for each in states for factor in factors]
+
+
+def _smooth(time: np.ndarray, x: Float[np.ndarray, "rows 4"], plant: Plant) -> Float[np.ndarray, "rows 4"]:
+    """The states with the slopes of their angles as velocities."""
+    window = scales_of(plant).scaled(SLOPE_WINDOW, TIME)
+    return np.column_stack([x[:, :2], slopes_of(time, np.unwrap(x[:, :2], axis=0), window)])
 
 
 def _is_clean(period: np.ndarray, x: Float[np.ndarray, "rows 4"]) -> bool:

@@ -40,6 +40,11 @@ def main(arguments: list[str] | None = None) -> int:
         return INTERRUPTED
     except SwingupError as error:
         return _refuse(error)
+    except RuntimeError as error:
+        # JAX says this where it is first used, which may be anywhere.
+        if not str(error).startswith("Unable to initialize backend"):
+            raise
+        return _refuse(SwingupError(str(error)))
     except OSError as error:
         reason = error.strerror or str(error)
         if error.filename is not None:

@@ -2,7 +2,9 @@
 
 import functools
 import inspect
+import os
 import re
+import shutil
 import sys
 from collections.abc import Callable, Sequence
 from typing import Annotated, get_type_hints
@@ -22,6 +24,7 @@ from .refining import refine_command
 from .sweeping import sweep_command
 from .training import train_command
 
+NARROWEST = 40  # Columns of a help text, whatever the terminal has
 SETTINGS = (DisallowNone, OmitArgPrefixes)
 
 Command = Callable[..., int | None]
@@ -63,6 +66,9 @@ COMMANDS: dict[str, Command] = {
 
 def run_command(arguments: Sequence[str]) -> int:
     """Parse the arguments and run the command; its exit status."""
+    # Tyro's time and memory for a narrow help have no bound.
+    if shutil.get_terminal_size().columns < NARROWEST:
+        os.environ["COLUMNS"] = str(NARROWEST)
     return parse(arguments)() or 0
 
 

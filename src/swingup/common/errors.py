@@ -7,11 +7,14 @@ thousand runs.
 """
 
 import contextlib
+import json
 import re
 import reprlib
 import shlex
 from collections.abc import Iterator
+from importlib import metadata
 from typing import Any
+from urllib.parse import unquote, urlsplit
 
 LONGEST_MESSAGE = 2000  # characters of a message
 LONGEST_QUOTE = 60  # characters that a message quotes of a value
@@ -52,12 +55,26 @@ def needing(package: str, extra: str, what: str, parts: str = "") -> Iterator[No
     try:
         yield
     except ModuleNotFoundError as error:
-        raise SwingupError(f"{what} needs {package}, which is missing: pip install 'swingup[{extra}]'") from error
+        raise SwingupError(f"{what} needs {package}, which is missing: {installing(extra)}") from error
     except ImportError as error:
         raise SwingupError(
             f"{what} needs {package}, which is damaged ({one_line(error, 120)}): "
-            f"pip uninstall {package}{parts}, then pip install 'swingup[{extra}]'"
+            f"pip uninstall {package}{parts}, then {installing(extra)}"
         ) from error
+
+
+def installing(extra: str) -> str:
+    """The command that installs an extra from where this package came from: a clone, an archive or an index."""
+    try:
+        origin = json.loads(metadata.distribution("swingup").read_text("direct_url.json") or "{}")
+    # A folder for a robot is not a distribution.
+    except (metadata.PackageNotFoundError, ValueError):
+        origin = {}
+    url = str(origin.get("url", ""))
+    if origin.get("dir_info", {}).get("editable"):
+        return f"pip install -e {shlex.quote(unquote(urlsplit(url).path) + f'[{extra}]')}"
+    tool = f"{origin['vcs_info']['vcs']}+" if "vcs_info" in origin else ""
+    return f"pip install {shlex.quote(f'swingup[{extra}]' + (f' @ {tool}{url}' if url else ''))}"
 
 
 @contextlib.contextmanager

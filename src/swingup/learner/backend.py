@@ -153,7 +153,7 @@ def _meaning(space: Any) -> Any:
 
 def shown(space: Any) -> str:
     """A description of a space for a message, as ``box, low = [-2.0], high = [2.0]``."""
-    if not isinstance(space, Mapping):
+    if not isinstance(space, Mapping) or not space:
         return "of no space"
     kind, *others = (f"{name} = {value}" for name, value in space.items())
     return ", ".join([kind.removeprefix("type = "), *others])

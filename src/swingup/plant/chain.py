@@ -12,6 +12,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ..common.errors import SwingupError, quoted
+from .files import TIP_SHARE
 
 Vector: TypeAlias = np.ndarray  # Three numbers
 
@@ -220,7 +221,7 @@ def _tip(link: Link, plane: _Plane, reach: float) -> tuple[str, np.ndarray] | No
     for found in (link.marks, [("the end of its shape", point) for point in link.ends]):
         far = [(name, plane.flat(point - link.anchor)) for name, point in found]
         name, at = max(far, key=lambda each: float(np.hypot(*each[1])), default=("", np.zeros(2)))
-        if float(np.hypot(*at)) > max(0.5 * reach, SMALLEST_LENGTH):
+        if float(np.hypot(*at)) > max(TIP_SHARE * reach, SMALLEST_LENGTH):
             return name, at
     return None
 

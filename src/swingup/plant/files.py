@@ -121,6 +121,8 @@ TEMPLATES = {".urdf": "pendulum.urdf", ".xml": "pendulum.xml", ".mjcf": "pendulu
 SMALLEST_FACT = 1e-6
 """Smallest gear ratio, whose square divides an inertia, and smallest length (m) in a model file."""
 
+TIP_SHARE = 0.5  # What ends nearer to the elbow than this part of its centre's distance is not the tip of link 2
+
 SMALLEST_BODY = 1e-14
 """MuJoCo takes masses (kg) and inertias (kg m²) below a tenth of it for 0, and refuses them."""
 
@@ -185,9 +187,11 @@ def _write_model(path: str | Path, name: str, bodies: Mapping[str, float], plant
             raise SwingupError(
                 f"cannot write {path}: {fact} = {bodies[fact]:g} is negative, which model files may not have"
             )
-    for fact in ("gr", "l1", "l2"):
-        if not bodies[fact] >= SMALLEST_FACT:
-            raise SwingupError(f"cannot write {path}: {fact} = {bodies[fact]:g} must be at least {SMALLEST_FACT:g}")
+    minima = {"gr": SMALLEST_FACT, "l1": SMALLEST_FACT, "l2": max(SMALLEST_FACT, TIP_SHARE * abs(bodies["r2"]))}
+    for fact, minimum in minima.items():
+        # Above, with a margin for the reader's rounding.
+        if not bodies[fact] > minimum * (1 + 1e-6):
+            raise SwingupError(f"cannot write {path}: {fact} = {bodies[fact]:g} must be above {minimum:g}")
     if not _is_buildable(bodies):
         raise SwingupError(
             f"cannot write {path}: no bodies move as this plant does, whose inertias are below m r²; raise I2"

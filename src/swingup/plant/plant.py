@@ -41,7 +41,8 @@ def get_robot(name: str | Robot) -> Robot:
 
 
 SMALLEST_NUMBER = 1e-9
-"""No mass (kg), length (m) or gravity (m/s²) comes near this; squares of smaller numbers might underflow."""
+"""No mass (kg), length (m), gear ratio, gravity (m/s²) or torque limit (N m) above 0 comes near this; squares of
+smaller numbers might underflow."""
 
 FRICTIONLESS_SUFFIX = ", frictionless"  # Ends the name of a plant whose friction was left out
 
@@ -178,14 +179,15 @@ def validated(plant: Plant) -> Plant:
     Negative friction and inertias below m r² are allowed: the robustness benchmark contains both.
     """
     found = plant.changed(**{name: _real(name, value) for name, value in plant.values().items()})
-    for name in ("m1", "m2", "l1", "l2", "g"):
-        if (value := getattr(found, name)) <= 0:
-            raise SwingupError(f"parameter {name} = {value:g} must be positive")
-        if value < SMALLEST_NUMBER:
+    for name in ("m1", "m2", "l1", "l2", "gr", "g", "tl1", "tl2"):
+        # A joint may be without a motor.
+        value, is_motor = getattr(found, name), name.startswith("tl")
+        if value < 0 or (value == 0 and not is_motor):
+            raise SwingupError(
+                f"parameter {name} = {value:g} must {'not be negative' if is_motor else 'be positive'}"
+            )
+        if 0 < value < SMALLEST_NUMBER:
             raise SwingupError(f"parameter {name} = {value:g} must be at least {SMALLEST_NUMBER:g}: use SI units")
-    for name in ("tl1", "tl2"):
-        if getattr(found, name) < 0:
-            raise SwingupError(f"parameter {name} = {getattr(found, name):g} must not be negative")
     for name in ZEROS:
         if not abs(value := getattr(found, name)) <= LARGEST_ZERO:
             raise SwingupError(f"parameter {name} = {value:g} must be within ±2π: write it in rad")

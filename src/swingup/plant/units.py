@@ -130,6 +130,7 @@ def arm_scales(parameters: Plant) -> Scales:
 
 def similar_plant(plant: Plant, scales: Scales) -> Plant:
     """The pendulum that moves as a plant does in C.1's units; its encoders show 0 where it hangs."""
+    scales.of(COMPLIANCE)  # Refuses a plant without a motor, by which the rest divides
     numbers = {name: scales.similar(getattr(plant, name), unit) for name, unit in PLANT_UNITS.items()}
     return plant.changed(**ZEROS, **numbers)
 

@@ -38,7 +38,8 @@ static inline double swingup_network(const double x[4], const double base[9])
     double features[SWINGUP_WIDEST];
 
     if (!swingup_finite(x, 4)) {
-        return (double)NAN;
+        swingup_set_nan(features);
+        return features[0];
     }
     swingup_observation(x, base, features);
     swingup_forward(features);

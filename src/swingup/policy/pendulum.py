@@ -14,7 +14,7 @@ from ..common.settings import Settings, read_settings
 from ..plant.base_parameters import BASE_NAMES, FRICTIONS, base_parameters
 from ..plant.equations import friction
 from ..plant.plant import NAMES, ROBOTS, Plant, Robot, get_robot, make_plant, validated
-from ..plant.units import arm_scales, scaled, similar_plant
+from ..plant.units import C1, arm_scales, scaled, similar_plant
 from .estimator import EstimatorSettings
 from .file import read_network, write_network
 from .guard import GuardSettings
@@ -165,6 +165,9 @@ class PendulumPolicy(Policy):
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if self.estimator is not None:
+            # Made for its errors: back ends have its settings in C.1's units, within the same ranges.
+            scaled(self.estimator, C1.over(arm_scales(self.plant)))
         if self.identifier is not None:
             if self.estimator is None:
                 raise SwingupError("identifier without an estimator: add estimator, {} for its defaults")

@@ -196,8 +196,7 @@ static inline int swingup_regulate(swingup_regulator *c, const double theta[9], 
             *torque -= pushed * step[i][j] * error[j];
         }
     }
-    /* The clip would make an infinite rate the largest torque. */
-    *torque = finite ? swingup_clip(*torque / share, SWINGUP_TORQUE_LIMIT / SWINGUP_TORQUE_UNIT) : (double)NAN;
+    *torque = swingup_clip(*torque / share, SWINGUP_TORQUE_LIMIT / SWINGUP_TORQUE_UNIT);
     if (finite) {
         const double enter = SWINGUP_ENTER / (1.0 + fabs(dry) / SWINGUP_ENTER_COULOMB);
         const double leave = enter + (SWINGUP_LEAVE - SWINGUP_ENTER) / (1.0 + fabs(dry) / SWINGUP_LEAVE_COULOMB);

@@ -75,7 +75,8 @@ class AbstractPendulumTask(AbstractTask[PendulumState]):
     def torque(self, action: Action) -> Torque:
         """Torques [u1, u2] (N m) of an action in [-1, 1]; the passive joint gets none."""
         limits = jnp.array([self.parameters.tl1, self.parameters.tl2], action.dtype)
-        return action * limits * jnp.array(self.robot.actuation, action.dtype)
+        # Selected, not multiplied by 0: NaN stays on the driven joint.
+        return jnp.where(jnp.array(self.robot.actuation) > 0, action * limits, 0.0)
 
     def quadratic_reward(self, x: State, u: Torque) -> Scalar:
         """r(x', a) = -α[(x' - g)ᵀ Q (x' - g) + R a²], with q1 wrapped to [0, 2π) and q2 to [-π, π)."""

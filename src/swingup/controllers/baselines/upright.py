@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_continuous_are
 
+from ...common.errors import SwingupError
 from ...common.types import Flag, Scalar, State, Torque
 from ...dynamics.dynamics import UPRIGHT, linearise, wrap
 from ...plant.plant import Plant, Robot
@@ -59,9 +60,12 @@ class LQR(AbstractController[None]):
 
 
 def upright_lqr(parameters: Plant, robot: Robot, settings: LQRSettings) -> LQR:
-    """The regulator of the pendulum linearised upright at rest."""
+    """The regulator of the pendulum linearised upright at rest; a plant that none can hold is refused."""
     A, B, _ = linearised(parameters, robot, UPRIGHT[None], np.zeros(1))
-    S = solve_continuous_are(A[0], B[0][:, None], np.diag(settings.state_weights), [[settings.torque_weight]])
+    try:
+        S = solve_continuous_are(A[0], B[0][:, None], np.diag(settings.state_weights), [[settings.torque_weight]])
+    except ValueError:  # numbers beyond floating point, or as LinAlgError no solution
+        raise SwingupError(f"no LQR can hold this {robot.name} upright: correct its plant") from None
     limit = float(parameters.limit(robot.joint))
     return LQR(B[0] @ S / settings.torque_weight, S, settings.max_cost_to_go, limit, robot)
 
