@@ -116,6 +116,7 @@ def test_within_the_range_the_largest_torque_turns_the_slowest_mode_back(robot):
         assert (abs(w @ end[:4]) < share * most) == returns
 
 
+@pytest.mark.slow
 def test_a_policy_file_of_dm_controls_acrobot_earns_in_mujoco_what_it_earns_in_the_task(
     script, tmp_path, monkeypatch
 ):

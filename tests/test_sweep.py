@@ -88,6 +88,7 @@ def test_a_sweep_repeats_nothing_and_resumes(tmp_path):
     assert scores(inline(jobs)) == scores(first)
 
 
+@pytest.mark.slow
 def test_a_shorter_sweep_reports_its_own_length(tmp_path):
     (cut_off,), (short,) = jobs_of(tmp_path, frames=10**9), jobs_of(tmp_path, frames=256)
     run = start_run(cut_off.settings, cut_off.folder, cut_off.frames)
@@ -137,6 +138,7 @@ def test_folders_that_are_left_alone(tmp_path, monkeypatch):
     assert "remove it to train again" in error_of(job)
 
 
+@pytest.mark.slow
 def test_local_workers_die_alone_and_end_with_an_interrupt():
     futures = []
 
@@ -279,6 +281,7 @@ def test_the_best_trial_becomes_settings(tmp_path, searched):
     assert json.loads((tmp_path / "best.json").read_text())["command"] == command
 
 
+@pytest.mark.slow
 def test_a_search_that_was_cut_off_goes_on(tmp_path, searched):
     # Eleven trials: after ten Optuna's suggestions follow from the scores.
     first, second = StandIn(cut_off=3), StandIn()

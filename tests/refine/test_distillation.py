@@ -138,6 +138,7 @@ def test_recoveries_begin_after_throws_about_the_top_and_hanging():
     assert np.asarray(found.on).tolist() == [teachers.number - 1] * 1024 + [-1] * 7168
 
 
+@pytest.mark.slow
 def test_recoveries_have_their_plants_regulators_at_the_top_and_the_policy_below(either_robot):
     student, joint = small(either_robot), either_robot.joint
     draws = np.random.default_rng(2), either_robot, PlantDraws(0, 3, 0, 0)
@@ -197,6 +198,7 @@ def test_no_plant_is_on_the_grid_that_judges():
     assert not plants & {tuple(map(float, jax.tree.leaves(case.scenario.parameters))) for case in cases}
 
 
+@pytest.mark.slow
 def test_the_swingup_teaches_near_it_the_regulator_at_the_top_and_the_recovering_policy_elsewhere(either_robot):
     teachers, teacher = a_teacher(either_robot)
     assert teachers.number == 1

@@ -183,6 +183,7 @@ def test_gradient_steps_lower_the_cost_and_do_not_depend_on_the_cores(monkeypatc
     assert np.mean(last.away) < np.mean(first.away)
 
 
+@pytest.mark.slow
 def test_a_recipe_reports_repeats_itself_and_keeps_the_observation(monkeypatch):
     monkeypatch.setattr(gradient, "REPORT_EVERY", 2)
     policy, reports = policy_of(small()), []
