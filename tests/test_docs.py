@@ -163,7 +163,7 @@ def test_commands_named_in_sentences_exist(capsys):
     named = {}
     for page in PAGES:
         prose = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
-        for command, words in re.findall(r"`swingup ([a-z0-9]+)([^`]*)`", prose):
+        for command, words in re.findall(r"`swingup ([a-z0-9-]+)([^`]*)`", prose):
             named.setdefault(command, set()).update(re.findall(r"--[a-z][a-z-]*", words))
     for command, options in named.items():
         assert main([command, "--help"]) == 0

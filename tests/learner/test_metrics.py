@@ -90,7 +90,10 @@ def test_the_table_of_rates_is_that_of_the_best_seed_and_says_so(tmp_path, capsy
     rows = [{"seed": seed, "frames": frames, "reward": seed + frames / 1e3} for frames, seed in both]
     with MetricsWriter(tmp_path) as writer:
         writer.write(row | {"termination_rate": 0.0, "reward_rate": 7.0} for row in rows)
-    settings, progress = types.SimpleNamespace(seed=3, seeds=2), types.SimpleNamespace(best_seed=1)
+    settings, progress = (
+        types.SimpleNamespace(seed=3, seeds=2, evaluation_episodes=1),
+        types.SimpleNamespace(best_seed=1),
+    )
     _show_rates(types.SimpleNamespace(folder=tmp_path, settings=settings, progress=progress))
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ["seed", "4,", "the", "best", "of", "2"] in lines
