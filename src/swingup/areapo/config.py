@@ -73,7 +73,7 @@ class Config(eqx.Module):
     value_layers: tuple[int, ...] = _static((512, 512), 1)
     """Widths of the hidden layers that both value heads share."""
     activation: Activation = _word("relu", Activation)
-    """Activation of all hidden layers: relu, tanh, elu, silu or gelu. C, ONNX and pages run relu alone."""
+    """Activation of all hidden layers: relu, tanh, elu, silu or gelu.."""
     deviation: Deviation = _word("state", Deviation)
     """What the standard deviation σ of continuous actions is. state: σ depends on the state, and tanh bounds
     actions, as in the paper; action: each action has its own σ and is clipped, as in Stable-Baselines3 and CleanRL;
