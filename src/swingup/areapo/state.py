@@ -75,7 +75,7 @@ class Rollout(eqx.Module):
     terminated: Bool[Array, "steps envs"]
     truncated: Bool[Array, "steps envs"]
     counted: Float[Array, "steps envs"] | None = None
-    """0 for a row in which an environment did nothing but reset itself, else 1; None: all rows count."""
+    """0 for a row in which an environment only reset itself, or an action came late, else 1; None: all count."""
 
 
 class Frames(eqx.Module):

@@ -153,8 +153,7 @@ def plant_data(policy: PendulumPolicy) -> Data:
 
 def pendulum_data(policy: PendulumPolicy) -> Data:
     """The network and its observation: folded for the plant, unless an identifier tells it another one."""
-    sees_identified_plant = policy.identifier is not None and policy.network.plant_stage is not None
-    network = policy.network if sees_identified_plant else policy.folded
+    network = policy.network if policy.finds_plant else policy.folded
     # The stages: angles and velocities, perhaps normalised, perhaps with the plant behind them; in C.1's units.
     scales = C1.over(arm_scales(policy.plant))
     angles, *others = (scaled(stage, scales) for stage in network.stages)

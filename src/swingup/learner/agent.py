@@ -178,8 +178,9 @@ class AREAPO:
                 raise SwingupError(f"callback = {quoted(each)}: pass a function of the learner and a report")
         self._run.extend(total_timesteps)
         bar = bars.progress_bar(self._run.goal, self.frames) if progress_bar else contextlib.nullcontext()
-        with bar as show:
-            for report in self._run.advance():
+        # Closed also where a callback raises: else a traceback would keep the folder locked.
+        with bar as show, contextlib.closing(self._run.advance()) as reports:
+            for report in reports:
                 if show is not None:
                     show(report.frames, str(report))
                 # All are called, even after one returned False.
@@ -200,10 +201,11 @@ class AREAPO:
         They are those of the policy's file, bit for bit: see :meth:`swingup.policy.policy.Policy.predict`. For the
         robots and for tasks in JAX, actions are those of the task: in [-1, 1], or integers.
         """
-        return self._policy().predict(observation, state, episode_start, deterministic)
+        return self.policy.predict(observation, state, episode_start, deterministic)
 
-    def _policy(self) -> Policy:
-        """The best seed's policy, made again after each call of ``learn``."""
+    @property
+    def policy(self) -> Policy:
+        """The best seed's policy as a file has it, made again after each call of ``learn``."""
         if self._cached is None or self._cached[0] != self.frames:
             policy = self._run.policies()[self._run.progress.best_seed]
             self._cached = (self.frames, self._run.backend.evaluator.file_policy(policy))

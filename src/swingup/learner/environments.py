@@ -43,8 +43,9 @@ PATIENCE = 60.0  # How long the workers of an AsyncVectorEnv may take for a step
 LATE = "late"  # Entry of a stream's info: whether the state had moved on before this step's action came
 OWN_RESETS = "own_resets"  # Attribute of continuing tasks: the resets that they made themselves, without an end
 
-RUNNING: weakref.WeakKeyDictionary[Any, Float32[np.ndarray, "envs n"]] = weakref.WeakKeyDictionary()
-"""The streams that were reset, and what each showed last: a second learner goes on where the first left off."""
+RUNNING: dict[int, Float32[np.ndarray, "envs n"]] = {}
+"""What each stream that was reset showed last, by its identity: a second learner goes on where the first left off.
+An environment need not be hashable; its entry goes with it."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,7 @@ class Environments:
     @property
     def latest(self) -> Float32[np.ndarray, "envs n"] | None:
         """What a stream showed last; None before its only reset."""
-        return RUNNING.get(self._source) if self.stream else None
+        return RUNNING.get(id(self._source)) if self.stream else None
 
     @property
     def own_resets(self) -> int:
@@ -172,7 +173,7 @@ class Environments:
         self, seen: Float32[np.ndarray, "envs n"], ended: Bool[np.ndarray, "envs"], infos: Any
     ) -> tuple[Float32[np.ndarray, "envs n"], Float32[np.ndarray, "envs n"]]:
         """The observations to act on next and the true next ones, from those that a step returned."""
-        if self._mode is AutoresetMode.NEXT_STEP:
+        if self._mode is AutoresetMode.NEXT_STEP and not self.stream:
             self._starts[self._resetting] = seen[self._resetting]
             self._resetting = ended
         if not ended.any():
@@ -211,7 +212,9 @@ class Environments:
         shape = (self.num_envs, *self.observation_space.shape)
         found = self._numbers("observations", value, shape).reshape(self.num_envs, -1)
         if self.stream:
-            RUNNING[self._source] = found
+            if id(self._source) not in RUNNING:
+                weakref.finalize(self._source, RUNNING.pop, id(self._source), None)
+            RUNNING[id(self._source)] = found
         return found
 
     def _numbers(self, what: str, value: Any, shape: tuple[int, ...]) -> Float32[np.ndarray, "..."]:

@@ -65,7 +65,7 @@ def _made(env: Any, **options: Any) -> Any:
         yield env
         return
     with errors_named_after(f"making {one_line(env, 100)}", "use a Gymnasium id, an environment or what makes one"):
-        made = gymnasium.make(env, **options) if isinstance(env, str) else env(**options)
+        made = gymnasium.make(env, **options) if isinstance(env, str) else env()
     try:
         yield made
     finally:
@@ -88,12 +88,14 @@ def play(
         env: a Gymnasium id, an environment or a function that makes one; None for the policy's task.
         episodes: number of episodes, each cut after 2,000 steps.
         seed: of the first reset.
-        watch: called with the environment after each reset and each step.
-        **options: of ``gymnasium.make``.
+        watch: called with the environment before each step and after the last one.
+        **options: of ``gymnasium.make``, for an id.
 
     Raises:
         SwingupError: the environment cannot be made, fails, or has other spaces than the policy.
     """
+    if isinstance(own := getattr(policy, "policy", None), Policy):  # of a learner, with spaces to compare
+        policy = own
     if isinstance(policy, PendulumPolicy):
         # The task's environment shows scaled angles, in another number: a policy of states would act on nonsense.
         raise SwingupError(f"a robot's policy takes states: swingup evaluate {policy.task}, or swingup.judge")
@@ -117,6 +119,8 @@ def play(
                     total, length, ended = total + float(reward), length + 1, bool(terminated or truncated)
                     terminations += bool(terminated)
                     reached += [bool(info[SUCCESS])] if SUCCESS in info else []
+                if watch is not None:
+                    watch(made)
             returns.append(total)
             lengths.append(length)
             successes += [any(reached)] if reached else []

@@ -9,7 +9,7 @@ import contextlib
 import functools
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -98,6 +98,7 @@ class Run:
             "frames": self.frames,
             "seconds": round(self.progress.seconds, 1),
             "hyperparameters": settings.as_dict()["config"],
+            "resets": settings.problem.record.get("resets"),
             "scores": {evaluator.measure: result.as_dict()},
         }
         evaluator.save(path, policy, origin)
@@ -125,7 +126,7 @@ class Run:
         """Compile now; otherwise ``advance`` does in its first chunk, for a stream before its first step."""
         self.backend.compile(self.progress.state)
 
-    def advance(self) -> Iterator[TrainingReport]:
+    def advance(self) -> Generator[TrainingReport]:
         """Train until each seed has seen its frames (rounded up to whole iterations), reporting each chunk.
 
         A checkpoint is written at intervals, at the end and after ``stop``. It does not hold the environments that

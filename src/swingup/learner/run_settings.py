@@ -141,7 +141,7 @@ def settings_of_policy(metadata: Mapping[str, Any], env: Any = None) -> RunSetti
     if env is None and named.startswith("<"):
         raise SwingupError(f"its environment was passed in ({one_line(named, 80)}): pass it again as env")
     plant = None if robot is None else read_plant(metadata.get(PLANT), get_robot(named))
-    problem = make_problem(named, plant).on(env)
+    problem = make_problem(named, plant, metadata.get("resets")).on(env)
     preset, changes = metadata.get("preset"), metadata.get("hyperparameters")
     # An older file may have hyperparameters that are gone.
     changes = {name: changes[name] for name in HYPERPARAMETERS if isinstance(changes, Mapping) and name in changes}

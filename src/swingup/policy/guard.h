@@ -83,7 +83,7 @@ static inline void swingup_check(swingup_guard *c, const double x[4], int first)
 }
 
 /* What the first second shows. */
-static inline void swingup_watch_wiring(swingup_guard *c, double t, double pause, int first)
+static inline void swingup_watch_wiring(swingup_guard *c, swingup_time t, double pause, int first)
 {
     double period;
     int wrong;
@@ -130,7 +130,7 @@ static inline int swingup_allows(swingup_guard *c, swingup_time t, const double 
     c->step = first || pause == 0.0 ? SWINGUP_GUARD_DT : pause;
     swingup_check(c, x, first);
     if (c->reason == SWINGUP_GUARD_NONE) {
-        swingup_watch_wiring(c, now, first ? 0.0 : pause, first);
+        swingup_watch_wiring(c, t, first ? 0.0 : pause, first);
     }
     return c->reason == SWINGUP_GUARD_NONE;
 }

@@ -1,5 +1,6 @@
 """A policy for a pendulum: what its file holds, checked, which every back end takes."""
 
+import functools
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -146,7 +147,8 @@ class PendulumPolicy(Policy):
 
     Like a policy of any task it has ``predict``, from states x = [q1, q2, dq1, dq2] (rad, rad/s) to actions in
     [-1, 1], whose torque at the driven joint is ``torque_limit`` times as large. That is the network alone, for the
-    plant of the file; :func:`swingup.runtime.load_controller` runs all of it, in N m.
+    plant of the file, in the plant's own angles: encoders' ones less ``plant.zeros``.
+    :func:`swingup.runtime.load_controller` runs all of it, with encoders' angles and in N m.
     """
 
     network: Network
@@ -189,7 +191,7 @@ class PendulumPolicy(Policy):
         """Whether an identifier finds the plant that the network sees."""
         return self.identifier is not None and self.network.plant_stage is not None
 
-    @property
+    @functools.cached_property
     def folded(self) -> Network:
         """The network of the state alone: the policy's own, or what a policy that sees its plant is for it."""
         return fold(self.network, base_parameters(self.plant))

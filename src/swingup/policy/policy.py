@@ -196,7 +196,10 @@ class TaskPolicy(Policy):
         # Choices in a box are of evenly spaced numbers between its bounds.
         fits = space.choices == choices or (not space.choices and min(choices) > 1)
         if not fits or outputs != space.size:
-            raise SwingupError(f"its network has {outputs} actions, its action_space {space.size}")
+            counts = f"{outputs} actions, {choices or 'continuous'}"
+            raise SwingupError(
+                f"its network has {counts}, its action_space {space.size}, {space.choices or 'a box'}"
+            )
         if not space.choices and space.low is None:
             raise SwingupError("its action_space has no bounds")
         if self.metadata.get(PERIOD) is not None:

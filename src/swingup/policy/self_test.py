@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..common.errors import SwingupError
+from ..common.errors import SwingupError, naming
 from ..common.files import read_bytes
 from ..plant.equations import NUMPY, damped_midpoint_step
 from ..plant.plant import Robot, lump
@@ -117,7 +117,8 @@ def load_tested_policy(folder: Path) -> TaskPolicy:
         SwingupError: a file is missing or damaged, or an answer differs.
     """
     policy = read_task_policy(folder / "policy.safetensors")
-    read_test(folder).check(lambda observation, _: policy.predict(observation)[0])
+    with naming(f"policy in {folder}"):
+        read_test(folder).check(lambda observation, _: policy.predict(observation)[0])
     return policy
 
 
@@ -131,7 +132,8 @@ def load_tested_controller(folder: Path, robot: Robot | str, guard: GuardChoice)
             alone.reset()
         return alone(x, test.period * call)
 
-    test.check(answer)
+    with naming(f"policy in {folder}"):
+        test.check(answer)
     return numpy_controller(policy, guard=guard)
 
 
@@ -143,6 +145,9 @@ def read_test(folder: Path) -> SelfTest:
         arrays: dict[str, Any] = {
             name: np.array(found.pop(name)) for name in ("observations", "actions", "tolerance")
         }
-        return SelfTest(**arrays, **found)
+        test = SelfTest(**arrays, **found)
+        if not len(test.observations) == len(test.actions) > 0 or not test.calls >= 1 or not test.period > 0:
+            raise ValueError
+        return test
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise SwingupError(f"{path} is not a self-test: export the policy again") from error

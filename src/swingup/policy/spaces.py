@@ -66,9 +66,13 @@ class Space:
             SwingupError: they are not finite numbers, or have another shape.
         """
         try:
-            found = np.asarray(values).astype(self.dtype)
-        except (TypeError, ValueError) as error:
-            raise SwingupError(f"observation is not an array of numbers: pass one of shape {self.shape}") from error
+            given = np.asarray(values)
+        except ValueError:  # a ragged list
+            given = np.empty(0, object)
+        if given.dtype.kind not in "biuf":
+            raise SwingupError(f"observation is not an array of numbers: pass one of shape {self.shape}")
+        with np.errstate(over="ignore"):  # an overflow is an infinity, which is refused below
+            found = given.astype(self.dtype)
         single = found.shape == self.shape
         if not single and found.shape[1:] != self.shape:
             raise SwingupError(

@@ -9,8 +9,8 @@
 #if SWINGUP_HAS_GUARD
 typedef struct {
     int calls, counted, ends, blocks, strong; /* calls with time between them, and whether they count; blocks */
-    double first, age;                /* time of the first call, and since then (s) */
-    double time[3], angles[3][2];      /* s and rad at the ends of blocks */
+    swingup_time first, time[3];       /* of the first call, and at the ends of blocks (s) */
+    double age, angles[3][2];          /* since the first call (s); at the ends of blocks (rad) */
     double impulse[2][2], moment[2][2]; /* of the block before and this one: integrals of u and of u t */
     double sums[SWINGUP_WIRINGS][2], energies[2];
 } swingup_watch;
@@ -22,7 +22,7 @@ static inline double swingup_unwrapped(double angle)
 }
 
 /* The mean period (s) once half a second has passed, if it is wrong; else 0. */
-static inline double swingup_wrong_period(swingup_watch *w, double t, double pause, int first)
+static inline double swingup_wrong_period(swingup_watch *w, swingup_time t, double pause, int first)
 {
     double mean;
     if (w->counted || SWINGUP_PERIOD == 0.0) {
@@ -33,10 +33,10 @@ static inline double swingup_wrong_period(swingup_watch *w, double t, double pau
     } else if (pause > 0.0) {
         w->calls++;
     }
-    if (w->calls == 0 || t - w->first < SWINGUP_CLOCK_TIME) {
+    if (w->calls == 0 || (double)(t - w->first) < SWINGUP_CLOCK_TIME) {
         return 0.0;
     }
-    mean = (t - w->first) / (double)w->calls;
+    mean = (double)(t - w->first) / (double)w->calls;
     w->counted = 1;
     return mean > SWINGUP_MIN_PERIOD * SWINGUP_PERIOD && mean < SWINGUP_MAX_PERIOD * SWINGUP_PERIOD ? 0.0 : mean;
 }
@@ -45,7 +45,8 @@ static inline double swingup_wrong_period(swingup_watch *w, double t, double pau
 static inline int swingup_judge(swingup_watch *w)
 {
     static const double none[4] = {0.0};
-    const double first = w->time[1] - w->time[0], second = w->time[2] - w->time[1], whole = w->time[2] - w->time[0];
+    const double first = (double)(w->time[1] - w->time[0]), second = (double)(w->time[2] - w->time[1]);
+    const double whole = (double)(w->time[2] - w->time[0]);
     double u[2], v[2], found[2], least = 0.0, right = 0.0, share = 0.0;
     swingup_plant plant;
     int i, k, best = 0;
@@ -103,18 +104,19 @@ static inline int swingup_judge(swingup_watch *w)
 
 /* The place of the wiring that explains the motion, 0 while that is the right one. */
 static inline int swingup_wrong_wiring(
-    swingup_watch *w, double t, const double q[2], const double torques[2], double pause)
+    swingup_watch *w, swingup_time t, const double q[2], const double torques[2], double pause)
 {
     const double block = SWINGUP_WATCHED_BLOCK * SWINGUP_TIME_UNIT;
+    const double since = (double)(t - w->time[2]);
     int i, k;
     for (i = 0; i < 2 && w->ends > 0; i++) {
         w->impulse[1][i] += pause * torques[i];
-        w->moment[1][i] += pause * torques[i] * (t - w->time[2] - 0.5 * pause + SWINGUP_WATCHED_LATE);
+        w->moment[1][i] += pause * torques[i] * (since - 0.5 * pause + SWINGUP_WATCHED_LATE);
     }
-    if (w->ends > 0 && t - w->time[2] < block) {
+    if (w->ends > 0 && since < block) {
         return 0;
     }
-    if (w->ends > 0 && t - w->time[2] > 3.0 * block) {
+    if (w->ends > 0 && since > 3.0 * block) {
         w->ends = 0;
     }
     w->time[0] = w->time[1];
