@@ -14,10 +14,10 @@ from ..common import __version__
 from ..common.arrays import SUFFIX
 from ..common.checks import check_seeds
 from ..common.errors import SwingupError, command_line
-from ..common.files import check_writable
+from ..common.files import check_suffix, check_writable
 from ..controllers.stack.policy import make_controller
 from ..export.folder import FORMS as FOLDERS
-from ..export.folder import NAME, check_export_name
+from ..export.folder import NAME, check_export_name, check_new
 from ..identification.identify import Identification, identify
 from ..learner.presets import get_preset
 from ..learner.run import resume_run, start_run
@@ -45,6 +45,7 @@ PRESET = "small"
 DRAWS = 20  # Simulated pendulums that judge the controller
 ENOUGH = 0.95  # Share of them below which the command names what to do
 START = "C.1"
+HEADERS = (".h", ".hpp")
 
 
 def make_controller_command(
@@ -72,7 +73,7 @@ def make_controller_command(
 
     Args:
         sources: logs as of swingup identify; or the file of a plant, perhaps with ranges and a loop.
-        out: the C header, or the folder, new or empty.
+        out: the C header (.h or .hpp), or the folder, new or empty.
         to: c, a C99 header; realaigym or cloudpendulum, a folder that needs NumPy alone.
         robot: acrobot or pendubot, where the plant has two motors.
         start: the plant to start the identification from; default: C.1, or rods with --set.
@@ -90,12 +91,17 @@ def make_controller_command(
     if not sources:
         raise SwingupError("swingup make-controller needs LOG... or PLANT: see swingup make-controller --help")
     check_export_name(name)
-    check_writable(out)
+    if to == "c":
+        check_suffix(out, HEADERS)
+        check_writable(out)
+    else:
+        check_new(out)
     check_outputs(PAGE_FORMATS, page)
     check_seeds(0, seeds)
     path = Path(out).with_suffix("") if to == "c" else Path(out)
     if is_plant_name(sources[0]):
-        _refuse_logs(sources, {"start": start, "set": set, "known": known, "columns": columns, "page": page})
+        logs_alone = {"start": start, "set": set, "known": known, "columns": columns, "force": force, "page": page}
+        _refuse_logs(sources, logs_alone)
         around = resolve(sources[0], domain)
     else:
         found = _identified(sources, start, set, known, columns, force)
@@ -155,10 +161,14 @@ def _trained(
 ) -> tuple[PendulumPolicy | None, int]:
     """The best policy of a run on the plant with its friction, behind an estimator; None where it was stopped."""
     folder = path.with_name(f"{path.name}-run")
+    settings = make_run_settings(robot.name, PRESET, plant=plant, seed=seed)
     if folder.exists():
         run = resume_run(folder, frames)
+        if (run.settings.problem, run.settings.seed) != (settings.problem, seed):
+            raise SwingupError(
+                f"{folder} is of another plant or seed: delete it, or name another --out"
+            )
     else:
-        settings = make_run_settings(robot.name, PRESET, plant=plant, seed=seed)
         run = start_run(settings, folder, get_preset(PRESET).frames if frames is None else frames)
     if status := train_shown(run):
         return None, status

@@ -133,7 +133,7 @@ def parse_expression(text: str, titles: Sequence[str]) -> Expression:
         # At the end of the text the offset is 0.
         before = _restored(plain[: error.offset - 1] if error.offset else plain, names)
         place = f"behind {quoted(before)}" if before else "at its start"
-        raise SwingupError(f"it cannot be read {place}") from error
+        raise SwingupError(f"it cannot be read {place}: write it like 8*(goal1-pos1)") from error
     except (RecursionError, MemoryError) as error:
         raise SwingupError("it is too deep: use fewer parentheses") from error
 
@@ -150,9 +150,10 @@ def _title_at(matrix: str, place: str, titles: Sequence[str]) -> str:
     """The title of a place, as #3, or of a matrix's column, as x#3, which is x3 among the titles."""
     if matrix and f"{matrix}{place}" in titles:
         return f"{matrix}{place}"
-    if matrix or not 1 <= int(place[:9]) <= len(titles):
+    number = int(place) if len(place) < 10 else 0
+    if matrix or not 1 <= number <= len(titles):
         raise SwingupError(_unknown(f"{matrix}#{place}", titles))
-    return f"#{place}"
+    return f"#{number}"
 
 
 def _unknown(word: str, titles: Sequence[str]) -> str:
@@ -188,19 +189,27 @@ class _Reader:
                 factors = self.read(left), self.read(right)
                 for number, other in (factors, factors[::-1]):
                     if not number.terms:
-                        return other.times(number.constant)
+                        return self._scaled(node, other, number.constant)
                 self._refuse(node, "multiplies two columns: one of both is a number")
             case ast.BinOp(left, ast.Div(), right):
                 divisor = self.read(right)
-                if divisor.terms or divisor.constant == 0.0:
+                if divisor.terms:
                     self._refuse(node, "divides by something else than a number")
-                return self.read(left).times(1.0 / divisor.constant)
+                if not abs(divisor.constant) >= 1.0 / LARGEST_FACTOR:
+                    self._refuse(node, "divides by 0, or nearly")
+                return self._scaled(node, self.read(left), 1.0 / divisor.constant)
             case ast.Call(ast.Name(name), arguments, []) if name in FUNCTIONS:
                 if len(arguments) != FUNCTIONS[name][1]:
                     self._refuse(node, f"needs {FUNCTIONS[name][1]} arguments")
                 call = Call(name, tuple(map(self.read, arguments)))
                 return Expression(((1.0, call),))
         self._refuse(node, "is not a sum of columns times numbers")
+
+    def _scaled(self, node: ast.expr, part: Expression, factor: float) -> Expression:
+        found = part.times(factor)
+        if not max(abs(found.constant), *(abs(each) for each, _ in found.terms), 0.0) <= LARGEST_FACTOR:
+            self._refuse(node, f"has a factor above {LARGEST_FACTOR:g}")
+        return found
 
     def _refuse(self, node: ast.expr, reason: str) -> NoReturn:
         part = _restored(ast.get_source_segment(self.text, node) or self.text, self.names)

@@ -59,6 +59,14 @@ BY_AREAPO = "policy by AR-EAPO (average-reward entropy advantage policy optimisa
 ABOUT = f'"""What a policy needs to run, copied from swingup {__version__} (Apache-2.0)."""\n'
 
 
+def check_new(folder: str | Path) -> Path:
+    """The folder behind links, since a move would replace a link; one that holds something is refused."""
+    target = behind_links(folder)
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise SwingupError(f"{folder} is there already: name a folder that is new or empty")
+    return target
+
+
 def export_folder(
     policy: TaskPolicy | PendulumPolicy, folder: str | Path, form: str, name: str = NAME, username: str = "swingup"
 ) -> Path:
@@ -81,9 +89,7 @@ def export_folder(
     shared |= {"ORIGIN": _origin(policy), "VERSION": __version__}
     entry, readme = (path.format(name=name) for path in FORMS[form])
     try:
-        target = behind_links(folder)  # the final move would replace a link by a folder
-        if target.exists() and (not target.is_dir() or any(target.iterdir())):
-            raise SwingupError(f"{folder} is there already: name a folder that is new or empty")
+        target = check_new(folder)
         # On the target's file system, where the final move is a rename: the folder appears whole or not at all.
         with tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as temporary:
             made = Path(temporary) / target.name

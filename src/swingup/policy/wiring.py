@@ -145,6 +145,8 @@ class WiringWatch:
                 sizes = (found[0] ** 2 + a1 * a1, found[1] ** 2 + a2 * a2)
                 self._energies = [self._energies[0] + sizes[0], self._energies[1] + sizes[1]]
         first_energy, second_energy = self._energies
+        if not min(self._energies) > 0.0:
+            return 0
         shares = [each[0] / first_energy + each[1] / second_energy for each in self._sums]
         if shares[-1] < STILL_SHARE * shares[0]:
             return len(WIRINGS) - 1 if self._strong >= STRONG_BLOCKS else 0
