@@ -66,7 +66,7 @@ def make_controller_command(
     name: str = NAME,
     page: FileName | None = None,
 ) -> int:
-    """Make a controller for your pendulum from its logs in two minutes: identify, train, judge and export.
+    """Make a controller for your pendulum from its logs: identify, train, judge and export.
 
     Beside OUT the command writes OUT.safetensors, the policy, and for logs OUT-plant.yml with the plant and
     OUT-plant-domain.yml with its ranges. It continues a training that was interrupted, in OUT-run.
@@ -165,9 +165,7 @@ def _trained(
     if folder.exists():
         run = resume_run(folder, frames)
         if (run.settings.problem, run.settings.seed) != (settings.problem, seed):
-            raise SwingupError(
-                f"{folder} is of another plant or seed: delete it, or name another --out"
-            )
+            raise SwingupError(f"{folder} is of another plant or seed: delete it, or name another --out")
     else:
         run = start_run(settings, folder, get_preset(PRESET).frames if frames is None else frames)
     if status := train_shown(run):
