@@ -166,6 +166,9 @@ def test_spaces_without_numbers_are_refused():
         one,
         one | {"n": [3]},
         one | {"n": 0},
+        one | {"n": 300, "dtype": "uint8"},
+        one | {"n": 3, "start": -5, "dtype": "uint8"},
+        {"type": "box", "shape": [1], "low": [1.0], "high": [-1.0]},
         several | {"nvec": 2},
         several | {"nvec": [2], "start": [1, 2]},
     ):

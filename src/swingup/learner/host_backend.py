@@ -58,10 +58,10 @@ class EpisodeEvaluator(AbstractEvaluator):
         if episodes not in (None, self._episodes):
             # Users ask for another number once or twice; only the default number of environments is kept.
             with contextlib.closing(make_environments(self._env, episodes)) as environments:
-                return play(policy, environments, self._seed)
+                return evaluate_episodes(policy, environments, self._seed)
         if self._environments is None:
             self._environments = make_environments(self._env, self._episodes)
-        return play(policy, self._environments, self._seed)
+        return evaluate_episodes(policy, self._environments, self._seed)
 
     def compile(self, policy: Policy[Any]) -> None:
         """Compile the policy for the default number of episodes."""
@@ -289,10 +289,10 @@ def play_once(policy: Policy[Any], env: Any, episodes: int | None, seed: int, tr
     with contextlib.closing(make_environments(env, own or episodes or EPISODES)) as environments:
         check_spaces(policy, environments.spaces)
         check_actions(trained, environments.actions)
-        return play(policy, environments, seed)
+        return evaluate_episodes(policy, environments, seed)
 
 
-def play(policy: Policy[Any], environments: Environments, seed: int) -> Evaluation:
+def evaluate_episodes(policy: Policy[Any], environments: Environments, seed: int) -> Evaluation:
     """The first episode of each environment under the deterministic policy, as means.
 
     The score of a continuing task, of whose stream ``EPISODE_STEPS`` are played, is its reward rate.

@@ -115,6 +115,8 @@ def read_space(name: str, entry: Any) -> Space:
         start = _numbers(f"{name}'s start", entry.get("start", 0), "iu")
         if start.shape not in ((), counts.shape) or counts.min() < 1 or (counts.ndim == 0) != (kind == DISCRETE):
             raise SwingupError(f"{name} has counts {quoted(counts.tolist())} from {quoted(start.tolist())}")
+        if any(np.any(each.astype(dtype) != each) for each in (start, start + counts - 1)):
+            raise SwingupError(f"{name} has choices that its dtype {dtype} does not hold")
         return discrete(counts, start, dtype)
     sizes = entry.get("shape")
     if not isinstance(sizes, list):
@@ -126,6 +128,8 @@ def read_space(name: str, entry: Any) -> Space:
     low, high = (_numbers(f"{name}'s {bound}", entry[bound], "iuf") for bound in ("low", "high"))
     if not low.shape == high.shape == shape:
         raise SwingupError(f"{name} has bounds of shapes {low.shape} and {high.shape}, not {shape}")
+    if np.any(low > high):
+        raise SwingupError(f"{name} has a low bound above its high one")
     return box(shape, low, high, dtype)
 
 
