@@ -36,6 +36,7 @@ static void enter(const outer *from, double *to, int count)
     }
 }
 
+#if !SWINGUP_HAS_FEEDBACK
 void torques(int n, const outer *x, outer *u)
 {
     double state[4];
@@ -45,6 +46,7 @@ void torques(int n, const outer *x, outer *u)
         u[k] = (outer)swingup_policy(state);
     }
 }
+#endif
 
 const char *watch(
     int n, const outer *t, const outer *x, const outer *given, outer *u, int *reasons, outer *fault)

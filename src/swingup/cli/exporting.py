@@ -12,7 +12,15 @@ from ..benchmark.recording import driven_robot, load_trajectory, save_trajectory
 from ..common.checks import check_seeds, one_of, positive_number
 from ..common.errors import SwingupError, command_line, quoted
 from ..common.files import check_suffix, check_writable, has_suffix, write_atomically
-from ..controllers.baselines.baselines import BASELINES, DESIGN_SEED, design_of, in_real_units, shipped_reference
+from ..controllers.baselines.baselines import (
+    BASELINES,
+    DESIGN_SEED,
+    EXPORTED,
+    design_of,
+    feedback_policy,
+    in_real_units,
+    shipped_reference,
+)
 from ..controllers.swingups.reference import save_reference, save_reference_csv
 from ..export.c_header import c_header
 from ..export.c_text import Precision
@@ -21,6 +29,7 @@ from ..export.folder import NAME, cloudpendulum_guard, cloudpendulum_notes, expo
 from ..export.onnx_graph import onnx_model
 from ..learner.metrics import read_metrics
 from ..plant.plant import LEADERBOARD, Robot, validated
+from ..policy.feedback import FeedbackPolicy
 from ..policy.guard import GuardSettings, choose_guard
 from ..policy.pendulum import PendulumPolicy, write_plant
 from ..policy.policy import TaskPolicy
@@ -47,8 +56,8 @@ TRACKED_PROBLEMS = dict.fromkeys(("tvlqr", "ilqr-riccati", "ilqr-mpc"), "publish
 """The problem whose swing-up a baseline follows."""
 
 POLICIES = (
-    f"{', '.join(SHIPPED_POLICIES)}, a policy file (.safetensors), or for trajectory a baseline: "
-    f"{', '.join(TRACKED_PROBLEMS)}."
+    f"{', '.join(SHIPPED_POLICIES)}, a policy file (.safetensors), or a baseline: {', '.join(EXPORTED)}, or for "
+    f"trajectory {', '.join(TRACKED_PROBLEMS)}."
 )
 
 
@@ -72,7 +81,7 @@ def export_command(
 ) -> None:
     """Write a policy of any task for NumPy, ONNX Runtime or C, or a pendulum's for RealAIGym or CloudPendulum.
 
-    Baselines have no policy file; RealAIGymController runs them.
+    The baselines lqr, tvlqr and tvlqr-score have these forms but onnx; RealAIGymController runs the others.
 
     Args:
         policy: the policy.
@@ -95,7 +104,7 @@ def export_command(
             default the plant's.
         zero2: the same of the elbow.
         plant: what adaptive begins with, in that plant's units, where that is within what it was taught; or what a
-            trajectory swings up: for another plant than the leaderboards' it is computed, in minutes.
+            baseline is for: for another plant than the leaderboards' its swing-up is computed, in minutes.
         seed: compute the trajectory, shipped or not, from first torques of this seed.
     """
     if to == TRAJECTORY:
@@ -103,17 +112,20 @@ def export_command(
         return
     if seed is not None:
         raise SwingupError("--seed goes with --to trajectory: leave it out")
-    if policy in BASELINES:
-        raise SwingupError(
-            f"{policy!r} is a baseline, which has no policy file: swingup.RealAIGymController runs it, and "
-            f"--to trajectory writes its swing-up with gains"
-        )
     if precision != "double" and to != "c":
         raise SwingupError(f"--precision {precision} goes with --to c: leave it out")
-    found = load_policy(policy, robot, facts_of(plant))
+    found: TaskPolicy | PendulumPolicy | FeedbackPolicy
+    if policy in BASELINES:
+        if robot is None:
+            raise SwingupError(f"{policy} needs a robot: add --robot acrobot or --robot pendubot")
+        if to == "onnx":
+            raise SwingupError(f"{policy} has no network for an onnx graph: use --to c, or a folder")
+        found = feedback_policy(policy, robot, facts_of(plant) or LEADERBOARD)
+    else:
+        found = load_policy(policy, robot, facts_of(plant))
     zeros = {name: value for name, value in {"zero1": zero1, "zero2": zero2}.items() if value is not None}
     changes = {"velocity_limit": velocity_limit, "braking": braking}
-    if isinstance(found, PendulumPolicy):
+    if not isinstance(found, TaskPolicy):
         found = dataclasses.replace(found, plant=validated(found.plant.changed(**zeros)))
         found = dataclasses.replace(found, guard=choose_export_guard(found, to, guard, changes))
     elif any(value is not None for value in (zeros | changes).values()):
@@ -123,7 +135,7 @@ def export_command(
 
 
 def write_export(
-    found: TaskPolicy | PendulumPolicy,
+    found: TaskPolicy | PendulumPolicy | FeedbackPolicy,
     to: str,
     out: str,
     name: str = NAME,
@@ -131,19 +143,21 @@ def write_export(
     precision: Precision = "double",
 ) -> None:
     """Write a policy with its guard in one of the forms, and say so."""
-    notes = _pendulum_notes(found, to) if isinstance(found, PendulumPolicy) else []
+    notes = [] if isinstance(found, TaskPolicy) else _pendulum_notes(found, to)
     if to in FOLDERS:
         out = str(export_folder(found, out, to, name, username))
+    elif to == "onnx" and not isinstance(found, FeedbackPolicy):
+        write_atomically(out, onnx_model(found))
     else:
-        write_atomically(out, onnx_model(found) if to == "onnx" else c_header(found, name, precision).encode())
+        write_atomically(out, c_header(found, name, precision).encode())
     tell(out, *notes)
 
 
-def _pendulum_notes(policy: PendulumPolicy, to: str) -> list[str]:
+def _pendulum_notes(policy: PendulumPolicy | FeedbackPolicy, to: str) -> list[str]:
     """What a form lacks of a pendulum's policy."""
     if to == "cloudpendulum":
         return cloudpendulum_notes(policy)
-    if to != "onnx":
+    if to != "onnx" or isinstance(policy, FeedbackPolicy):
         return []
     left_out = [part for part in policy.parts if part != GuardSettings.PART]
     missing = f"{', '.join(left_out)} and a safety guard" if left_out else "a safety guard"
@@ -175,7 +189,7 @@ def _export_trajectory(name: str, robot: Robot | None, out: str, plant: PlantOpt
 
 
 def choose_export_guard(
-    policy: PendulumPolicy, to: str, wanted: bool, changes: Mapping[str, float | None]
+    policy: PendulumPolicy | FeedbackPolicy, to: str, wanted: bool, changes: Mapping[str, float | None]
 ) -> GuardSettings | None:
     """The policy file's guard, or that of the robot that a form is for, with what the user changed of it."""
     own = policy.guard or (cloudpendulum_guard(policy.period) if to == "cloudpendulum" else None)

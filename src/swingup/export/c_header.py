@@ -17,6 +17,7 @@ from ..plant.momentum import CLOSE_RATES
 from ..plant.units import C1, arm_scales, scaled, similar_plant
 from ..policy import estimator, identifier, regulator, wiring
 from ..policy.estimator import EstimatorConstants, estimator_constants
+from ..policy.feedback import FeedbackPolicy
 from ..policy.guard import (
     MAX_BRAKED_RATIO,
     MAX_STANDSTILLS,
@@ -52,9 +53,11 @@ USAGE = """\
  * x = [q1, q2, dq1, dq2]: shoulder angle from hanging down, elbow angle relative to link 1 (rad), and their rates
  * (rad/s); t is the time (s); u = [u1, u2] are the torques of shoulder and elbow (N m), within the motors' limits,
  * the passive joint's {passive}. Angles are the encoders', whose zeros, {zeros} rad, are subtracted here.
- * swingup_policy(x) is the policy alone: the torque of the driven joint, without memory.
- * The plant is {plant}.
+{alone} * The plant is {plant}.
 {sizes}{notes} */
+"""
+ALONE_NOTE = """\
+ * swingup_policy(x) is the policy alone: the torque of the driven joint, without memory.
 """
 IDENTIFIED_NOTE = """\
  * swingup_base_parameters(&controller) are nine numbers: what the identifier has found of the plant so far.
@@ -68,7 +71,9 @@ UNGUARDED_NOTE = """\
 """
 
 
-def c_header(policy: TaskPolicy | PendulumPolicy, name: str = NAME, precision: Precision = "double") -> str:
+def c_header(
+    policy: TaskPolicy | PendulumPolicy | FeedbackPolicy, name: str = NAME, precision: Precision = "double"
+) -> str:
     """The header's text, in which all names begin with ``name``: several go into one program."""
     check_export_name(name)
     if isinstance(policy, TaskPolicy):
@@ -78,12 +83,16 @@ def c_header(policy: TaskPolicy | PendulumPolicy, name: str = NAME, precision: P
     return header(_usage(policy, data, precision), data, "loop_test.h", precision, name)
 
 
-def _usage(policy: PendulumPolicy, data: dict[str, Data], precision: Precision) -> str:
+def _usage(policy: PendulumPolicy | FeedbackPolicy, data: dict[str, Data], precision: Precision) -> str:
     parts = {"state estimator": policy.estimator, "identifier": policy.identifier, "safety guard": policy.guard}
     around = " and its ".join(name for name, part in parts.items() if part is not None)
-    what = "A policy" if policy.regulator is None else "A policy with its regulator"
+    if isinstance(policy, FeedbackPolicy):
+        what, alone = f"The baseline {policy.name}", ""
+    else:
+        what, alone = f"A policy{'' if policy.regulator is None else ' with its regulator'}", ALONE_NOTE
     return USAGE.format(
         about=f"{what}{f' behind its {around}' if around else ''} for the {policy.robot.name}",
+        alone=alone,
         version=__version__,
         precision=precision,
         plant=plain(policy.plant.name) or "that of the policy",
@@ -103,36 +112,38 @@ SHARED_CONSTANTS = (
 """Constants of the identifier that the runtime has under the same names."""
 
 
-def runtime_data(policy: PendulumPolicy) -> dict[str, Data]:
+def runtime_data(policy: PendulumPolicy | FeedbackPolicy) -> dict[str, Data]:
     """All that the runtime needs, part by part."""
     parts = {
         "ESTIMATOR": policy.estimator,
         "IDENTIFIER": policy.identifier,
         "REGULATOR": policy.regulator,
         "GUARD": policy.guard,
+        "FEEDBACK": policy if isinstance(policy, FeedbackPolicy) else None,
     }
     joint = policy.robot.joint
     reasons: Data = {f"GUARD_{reason.name}": reason.value for reason in Reason}
     found: dict[str, Data] = {
         "the switches": {f"HAS_{name}": int(part is not None) for name, part in parts.items()},
         "the plant": plant_data(policy),
-        "the network": pendulum_data(policy),
+        "the law": feedback_data(policy) if isinstance(policy, FeedbackPolicy) else pendulum_data(policy),
         "the guard's reasons": reasons | {"GUARD_SENTENCES": ", ".join(f'"{text}"' for text in REASON_TEXTS)},
     }
-    if policy.estimator is not None:
+    if isinstance(policy, PendulumPolicy) and policy.estimator is not None:
         constants = estimator_constants(policy.estimator, policy.plant, joint, policy.identifier)
         found["the estimator"] = estimator_data(constants)
         if constants.identifier is not None:
             found["the identifier"] = identifier_data(constants.identifier)
     if policy.regulator is not None:
-        known = policy.regulator, policy.plant, joint, policy.torque_limit
+        held = policy.held_plant if isinstance(policy, FeedbackPolicy) else policy.plant
+        known = policy.regulator, held, joint, policy.torque_limit
         found["the regulator"] = regulator_data(regulator_loop(*known))
     if policy.guard is not None:
         found["the guard"] = guard_data(policy.guard, policy)
     return found | {"the self-test": test_data(loop_test(policy))}
 
 
-def plant_data(policy: PendulumPolicy) -> Data:
+def plant_data(policy: PendulumPolicy | FeedbackPolicy) -> Data:
     """What the policy's plant is, in its base parameters and C.1's units, these units, and what its motors can."""
     scales = arm_scales(policy.plant)
     plant = similar_plant(policy.plant, scales)
@@ -149,6 +160,21 @@ def plant_data(policy: PendulumPolicy) -> Data:
         "limits": np.array(policy.torque_limits),
         "zeros": np.array(policy.plant.zeros),
     }
+
+
+def feedback_data(policy: FeedbackPolicy) -> Data:
+    """The law's numbers, in the plant's own units but for the regulator's plant."""
+    held = similar_plant(policy.held_plant, arm_scales(policy.plant))
+    data: Data = {"TORQUE_LIMIT": policy.torque_limit, "COULOMB": policy.coulomb, "held": base_parameters(held)}
+    if policy.top is not None:
+        top = policy.top
+        data |= {"top_gains": top.gains, "top_cost": top.cost_to_go, "LARGEST_COST": float(top.largest_cost)}
+    swing_up = policy.swing_up
+    if swing_up is None:
+        return data | {"PIECES": 0}
+    data |= {"PIECES": len(swing_up.ends), "threshold": swing_up.threshold}
+    pieces = {name: getattr(swing_up, name) for name in ("starts", "ends", "coefficients")}
+    return data | {f"piece_{name}": np.ravel(value) for name, value in pieces.items()}
 
 
 def pendulum_data(policy: PendulumPolicy) -> Data:
@@ -236,7 +262,7 @@ def regulator_data(loop: Regulator) -> Data:
     }
 
 
-def guard_data(settings: GuardSettings, policy: PendulumPolicy) -> Data:
+def guard_data(settings: GuardSettings, policy: PendulumPolicy | FeedbackPolicy) -> Data:
     """The guard's limits."""
     return {
         **{f"GUARD_{name.upper()}": value for name, value in asdict(settings).items()},
@@ -254,7 +280,7 @@ WATCHED_CONSTANTS = (
 )  # fmt: skip
 
 
-def _watch_data(policy: PendulumPolicy) -> Data:
+def _watch_data(policy: PendulumPolicy | FeedbackPolicy) -> Data:
     """What the guard looks at in the first second."""
     rows = [
         (*each.signs, each.crossed, each.torque, each.exchanged, *reason)

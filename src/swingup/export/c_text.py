@@ -25,7 +25,8 @@ WORDS = re.compile(
 """What single precision changes in C: types, functions and numbers, outside of comments, texts and typedefs."""
 
 
-IN_FLASH = ("weight_", "bias_", "input_", "test_")  # Beginnings of the names of arrays that lie in the flash
+IN_FLASH = ("weight_", "bias_", "input_", "piece_coefficients", "test_")
+"""Beginnings of the names of arrays that lie in the flash."""
 
 
 def header(about: str, parts: Mapping[str, Data], top: str, precision: Precision, name: str) -> str:

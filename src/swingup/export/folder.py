@@ -14,6 +14,8 @@ from pathlib import Path
 from ..common import __version__
 from ..common.errors import SwingupError, quoted
 from ..common.files import behind_links, write_atomically
+from ..policy.feedback import FILE as LAW_FILE
+from ..policy.feedback import FeedbackPolicy, write_feedback
 from ..policy.file import write_network
 from ..policy.guard import GuardSettings, default_guard
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
@@ -54,6 +56,8 @@ GUARDED_NOTE = (
 )
 UNGUARDED_NOTE = "It has no safety guard: check every torque that goes to a motor."
 
+JOINTS, ANY_RATE = ("shoulder", "elbow"), "any; 500 Hz on the leaderboards"
+
 BY_AREAPO = "policy by AR-EAPO (average-reward entropy advantage policy optimisation)"
 
 ABOUT = f'"""What a policy needs to run, copied from swingup {__version__} (Apache-2.0)."""\n'
@@ -68,16 +72,22 @@ def check_new(folder: str | Path) -> Path:
 
 
 def export_folder(
-    policy: TaskPolicy | PendulumPolicy, folder: str | Path, form: str, name: str = NAME, username: str = "swingup"
+    policy: TaskPolicy | PendulumPolicy | FeedbackPolicy,
+    folder: str | Path,
+    form: str,
+    name: str = NAME,
+    username: str = "swingup",
 ) -> Path:
     """Write a folder, whole or not at all, and say which file is the entry's.
 
     A pendulum's guard, which need not be the file's, is written into the entry. The folder must be new or empty.
     The copied source has the entry's name as well; the username is for RealAIGym's leaderboard.
     """
-    pendulum = isinstance(policy, PendulumPolicy)
+    pendulum = not isinstance(policy, TaskPolicy)
     if pendulum != (form in ROBOT_FORMS):
-        kind, forms = ("a pendulum", " or ".join(ROBOT_FORMS)) if pendulum else (quoted(policy.task), "numpy")
+        kind, forms = "a pendulum", " or ".join(ROBOT_FORMS)
+        if isinstance(policy, TaskPolicy):
+            kind, forms = quoted(policy.task), "numpy"
         raise SwingupError(f"a folder of form {form} is not for {kind}: use {forms}")
     check_export_name(name)
     # It goes into a string of Python, and into tables with commas.
@@ -99,8 +109,12 @@ def export_folder(
                 _write(package / file, root.joinpath(*file.split("/")).read_bytes())
             # Not this package's own, which offers what the folder lacks.
             _write(package / "__init__.py", ABOUT.encode())
-            if isinstance(policy, PendulumPolicy):
-                values = readme_values(policy) | _entry_values(policy, username)
+            if isinstance(policy, FeedbackPolicy):
+                values = law_values(policy) | _guard_values(policy, username)
+                test = loop_test(dataclasses.replace(policy, guard=None))
+                write_feedback(package / LAW_FILE, policy)
+            elif isinstance(policy, PendulumPolicy):
+                values = readme_values(policy) | _entry_values(policy) | _guard_values(policy, username)
                 test = loop_test(dataclasses.replace(policy, guard=None))
                 write_pendulum_policy(package / "policy.safetensors", policy, policy.metadata)
             else:
@@ -133,12 +147,12 @@ def cloudpendulum_guard(period: float | None) -> GuardSettings:
     return dataclasses.replace(default_guard(period), velocity_limit=CELL_VELOCITY)
 
 
-def cloudpendulum_notes(policy: PendulumPolicy) -> list[str]:
+def cloudpendulum_notes(policy: PendulumPolicy | FeedbackPolicy) -> list[str]:
     """What does not fit CloudPendulum's cells in a policy, as sentences."""
     return [
         f"it may command {limit:g} N m at the {joint}, and CloudPendulum's motors give {CELL_TORQUE:g}: train one "
         "for its plant"
-        for joint, limit in zip(("shoulder", "elbow"), policy.torque_limits, strict=True)
+        for joint, limit in zip(JOINTS, policy.torque_limits, strict=True)
         if limit > CELL_TORQUE
     ]
 
@@ -170,20 +184,26 @@ def _filled(template: str, values: Mapping[str, str]) -> bytes:
     return re.sub(r"@([A-Z0-9_]+)@", lambda match: values[match[1]], text).encode()
 
 
-def _entry_values(policy: PendulumPolicy, username: str) -> dict[str, str]:
-    """What an entry says besides the README's values; the guard's settings are for its owner to change."""
+def _entry_values(policy: PendulumPolicy) -> dict[str, str]:
+    """What an entry says of its policy besides the README's values."""
     behind = " behind a state estimator" if policy.estimator else ""
     made, method = "Average-reward maximum-entropy RL (AR-EAPO): one network", "AR-EAPO"
     if policy.regulator:
         made, method = "One network distilled from teachers (one by AR-EAPO) with a regulator", "distilled"
+    return {"DESCRIPTION": f"{made}{behind}", "METHOD": method}
+
+
+def _guard_values(policy: PendulumPolicy | FeedbackPolicy, username: str) -> dict[str, str]:
+    """The guard's settings, for their owner to change, and whose entry it is."""
     guard = "False"
     if policy.guard is not None:
         # Python has JSON's numbers; of its words, null alone occurs here.
         guard = json.dumps(asdict(policy.guard), indent=4).replace("null", "None").replace("\n}", ",\n}")
-    return {"DESCRIPTION": f"{made}{behind}", "GUARD": guard, "METHOD": method, "USERNAME": username}
+    note = GUARDED_NOTE if policy.guard else UNGUARDED_NOTE
+    return {"GUARD": guard, "GUARD_NOTE": note, "USERNAME": username}
 
 
-def _origin(policy: TaskPolicy | PendulumPolicy) -> str:
+def _origin(policy: TaskPolicy | PendulumPolicy | FeedbackPolicy) -> str:
     command = policy.metadata.get("command")
     return f"- The policy file was made by `{command}`." if isinstance(command, str) else ""
 
@@ -202,6 +222,10 @@ def _task_values(policy: TaskPolicy) -> dict[str, str]:
 def readme_values(policy: PendulumPolicy) -> dict[str, str]:
     """What a folder's README says of a pendulum's policy, for the gaps of a template."""
     base = " and the pendulum's base parameters" if policy.identifier else ""
+    layers, joint = " and ".join(str(len(layer.bias)) for layer in policy.network.trunk), JOINTS[policy.robot.joint]
+    switched = "nothing is switched, tracked or planned"
+    if policy.regulator:
+        switched = "near upright a linear-quadratic regulator takes over"
     seen = (
         f"an estimate of the state by a Kalman filter, which also finds the loop's delay{base}"
         if policy.estimator
@@ -209,26 +233,34 @@ def readme_values(policy: PendulumPolicy) -> dict[str, str]:
     )
     return {
         "ESTIMATOR": f"It is shown {seen}.",
-        "GUARD": GUARDED_NOTE if policy.guard else UNGUARDED_NOTE,
-        "JOINT": ("shoulder", "elbow")[policy.robot.joint],
         "KIND": f"A network distilled from teachers, one of which is a {BY_AREAPO}"
         if policy.regulator
         else f"A {BY_AREAPO}",
-        "LAYERS": " and ".join(str(len(layer.bias)) for layer in policy.network.trunk),
+        "LAW": f"One network with hidden layers of {layers} units gives the torque of the {joint}; {switched}.",
         "TORQUE": _torque(policy),
-        "RATE": f"one call every {policy.period:g} s" if policy.period else "any; 500 Hz on the leaderboards",
+        "RATE": f"one call every {policy.period:g} s" if policy.period else ANY_RATE,
         "ROBOT": policy.robot.name,
-        "SWITCHED": (
-            "near upright a linear-quadratic regulator takes over"
-            if policy.regulator
-            else "nothing is switched, tracked or planned"
-        ),
+    }
+
+
+def law_values(policy: FeedbackPolicy) -> dict[str, str]:
+    """The same of a feedback law."""
+    top = "a linear-quadratic regulator holds it upright"
+    return {
+        "DESCRIPTION": f"The optimal-control baseline {policy.name}",
+        "ESTIMATOR": "It is shown the measured state.",
+        "KIND": f"The optimal-control baseline {policy.name}",
+        "LAW": f"{top[0].upper()}{top[1:]}." if policy.swing_up is None else f"It follows a swing-up, then {top}.",
+        "METHOD": policy.name,
+        "TORQUE": f"at most {policy.torque_limit:g} N m, on the {JOINTS[policy.robot.joint]} alone",
+        "RATE": ANY_RATE,
+        "ROBOT": policy.robot.name,
     }
 
 
 def _torque(policy: PendulumPolicy) -> str:
-    maximum, joints = f"at most {policy.torque_limit:g} N m", ("shoulder", "elbow")
-    joint, passive = joints[policy.robot.joint], joints[1 - policy.robot.joint]
+    maximum = f"at most {policy.torque_limit:g} N m"
+    joint, passive = JOINTS[policy.robot.joint], JOINTS[1 - policy.robot.joint]
     if policy.identifier is None:
         return f"{maximum}, on the {joint} alone"
     return (

@@ -6,6 +6,7 @@
  *     SWINGUP_HAS_IDENTIFIER    what finds the estimator's plant in the loop
  *     SWINGUP_HAS_REGULATOR     what takes over near the top
  *     SWINGUP_HAS_GUARD         what stops the controller at a limit or a broken measurement
+ *     SWINGUP_HAS_FEEDBACK      a feedback law in the network's place
  */
 #ifndef SWINGUP_CONTRACT_H
 #define SWINGUP_CONTRACT_H
@@ -15,6 +16,7 @@
 #endif
 
 #include "estimator.h"
+#include "feedback.h"
 #include "guard.h"
 #include "pendulum.h"
 #include "regulator.h"
@@ -30,6 +32,9 @@ typedef struct {
 #endif
 #if SWINGUP_HAS_REGULATOR
     swingup_regulator regulator;
+#endif
+#if SWINGUP_HAS_FEEDBACK
+    swingup_feedback feedback;
 #endif
 } swingup_controller;
 
@@ -61,9 +66,32 @@ static inline const double *swingup_base_parameters(const swingup_controller *c)
 }
 #endif
 
+#if SWINGUP_HAS_FEEDBACK
+/* The driven joint's torque (N m) of the law for a state, which is there in C.1's units as well. */
+static inline double swingup_act(swingup_controller *c, swingup_time t, const double x[4], const double own[4])
+{
+    static const double goal[4] = {SWINGUP_PI, 0.0, 0.0, 0.0};
+    double error[4], torque;
+
+    swingup_errors(x, goal, error);
+    swingup_note_call(&c->feedback, t, error);
+#if SWINGUP_HAS_REGULATOR
+    torque = swingup_top(&c->regulator, own, error);
+#else
+    (void)own;
+    torque = swingup_top(error);
+#endif
+#if SWINGUP_PIECES > 0
+    if (!c->feedback.at_top) {
+        torque = swingup_follow(x, (double)(t - c->feedback.begun));
+    }
+#endif
+    return swingup_compensated(torque, x);
+}
+#else
 /* The driven joint's torque (N m) for a state in C.1's units, from the regulator or the policy; friction is
  * compensated later. */
-static inline double swingup_act(swingup_controller *c, const double x[4])
+static inline double swingup_act(swingup_controller *c, swingup_time t, const double given[4], const double x[4])
 {
 #if SWINGUP_HAS_IDENTIFIER
     const double *base = c->estimator.identifier.residual_base;
@@ -77,8 +105,11 @@ static inline double swingup_act(swingup_controller *c, const double x[4])
     }
 #endif
     (void)c;
+    (void)t;
+    (void)given;
     return swingup_network(x, base);
 }
+#endif
 
 /* What the motors are commanded (N m), before guard and limits; whether it is new. */
 static inline int swingup_ask(swingup_controller *c, swingup_time t, const double x[4], double u[2])
@@ -86,7 +117,6 @@ static inline int swingup_ask(swingup_controller *c, swingup_time t, const doubl
     const double own[4] = {x[0], x[1], SWINGUP_TIME_UNIT * x[2], SWINGUP_TIME_UNIT * x[3]};
     double seen[4] = {own[0], own[1], own[2], own[3]};
 
-    (void)t;
 #if SWINGUP_HAS_ESTIMATOR
     if (swingup_early(&c->estimator, t)) {
         swingup_copy(u, c->asked, 2);
@@ -95,7 +125,7 @@ static inline int swingup_ask(swingup_controller *c, swingup_time t, const doubl
     swingup_observe(&c->estimator, t, own, seen);
 #endif
     u[1 - SWINGUP_DRIVEN] = 0.0;
-    u[SWINGUP_DRIVEN] = swingup_act(c, seen);
+    u[SWINGUP_DRIVEN] = swingup_act(c, t, x, seen);
 #if SWINGUP_HAS_IDENTIFIER
     swingup_compensate(&c->estimator.identifier, seen, u);
 #endif

@@ -34,8 +34,8 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 
 from ..common.errors import SwingupError, quoted
-from ..plant.plant import Robot
-from .guard import Fault, Guard, GuardSettings
+from ..plant.plant import Plant, Robot
+from .guard import Fault, Guard, GuardChoice, GuardSettings, choose_guard
 from .wiring import WiringWatch
 
 
@@ -139,3 +139,25 @@ class LoopController(Generic[SourceT]):
         if math.isnan(limited[self._passive]):
             limited[self._passive] = 0.0
         return limited
+
+
+class LoopPolicy(Protocol):
+    """What a loop must know of a policy besides its torques."""
+
+    @property
+    def robot(self) -> Robot: ...  # noqa: D102
+    @property
+    def plant(self) -> Plant: ...  # noqa: D102
+    @property
+    def guard(self) -> GuardSettings | None: ...  # noqa: D102
+    @property
+    def period(self) -> float | None: ...  # noqa: D102
+    @property
+    def torque_limits(self) -> tuple[float, float]: ...  # noqa: D102
+
+
+def guarded(source: SourceT, policy: LoopPolicy, guard: GuardChoice) -> LoopController[SourceT]:
+    """A policy's controller from what computes its torques, behind the guard that the caller chose."""
+    settings, joint = choose_guard(guard, policy.guard, policy.period, policy.plant), policy.robot.joint
+    watch = WiringWatch(policy.plant, joint, policy.torque_limits[joint], policy.period) if settings else None
+    return LoopController(source, policy.robot, policy.torque_limits, settings, watch, policy.plant.zeros)

@@ -6,7 +6,7 @@
 
 #include "numbers.h"
 
-#if SWINGUP_HAS_ESTIMATOR || SWINGUP_HAS_REGULATOR || SWINGUP_HAS_GUARD
+#if SWINGUP_HAS_ESTIMATOR || SWINGUP_HAS_REGULATOR || SWINGUP_HAS_GUARD || SWINGUP_HAS_FEEDBACK
 /* An angle's distance (rad) without whole turns. */
 static inline double swingup_turned(double angle)
 {

@@ -11,16 +11,15 @@ from ..plant.equations import NUMPY
 from ..plant.plant import Plant, Robot
 from ..plant.units import TORQUE, arm_scales
 from . import estimator, identifier, regulator
-from .contract import LoopController
+from .contract import LoopController, guarded
 from .estimator import EstimatorConstants, default_estimator, estimator_constants
-from .guard import GuardChoice, choose_guard
+from .guard import GuardChoice
 from .identifier import MIN_STEP, IdentifiedPlant
 from .network import Bounds
 from .pendulum import PendulumPolicy
 from .policy import NumpyNetwork
 from .regulator import RICCATI_STEPS, Held, Loop, Q, R, RegulatorSettings
 from .shipped import load_pendulum_policy
-from .wiring import WiringWatch
 
 BOUNDS: dict[Bounds, Callable[[float], float]] = {"tanh": math.tanh, "clip": lambda z: max(-1.0, min(1.0, z))}
 
@@ -183,11 +182,7 @@ def numpy_controller(
     An estimator and a safety guard are those of the file (None), never there (False) or always (True). Settings
     that the file lacks have their defaults, in the units of its plant.
     """
-    settings = choose_guard(guard, policy.guard, policy.period, policy.plant)
-    joint, zeros = policy.robot.joint, policy.plant.zeros
-    watch = WiringWatch(policy.plant, joint, policy.torque_limits[joint], policy.period) if settings else None
-    source = NumpyPolicy(policy, estimated)
-    return LoopController(source, policy.robot, policy.torque_limits, settings, watch, zeros)
+    return guarded(NumpyPolicy(policy, estimated), policy, guard)
 
 
 def load_controller(

@@ -19,9 +19,11 @@ from ..plant.equations import NUMPY, damped_midpoint_step
 from ..plant.plant import Robot, lump
 from ..plant.units import arm_scales
 from .contract import LoopController
+from .feedback import FILE as LAW_FILE
+from .feedback import FeedbackPolicy, feedback_controller, read_feedback
 from .guard import GuardChoice
 from .network import NormaliseStage
-from .numpy_backend import NumpyPolicy, numpy_controller
+from .numpy_backend import numpy_controller
 from .pendulum import PendulumPolicy, read_pendulum_policy
 from .policy import NumpyNetwork, TaskPolicy, read_task_policy
 
@@ -91,11 +93,18 @@ def task_test(policy: TaskPolicy) -> SelfTest:
     return SelfTest(observations, policy.predict(observations)[0], share)
 
 
-def loop_test(policy: PendulumPolicy) -> SelfTest:
+def loop_controller(policy: PendulumPolicy | FeedbackPolicy, guard: GuardChoice = None) -> LoopController[Any]:
+    """The controller of a network or of a feedback law."""
+    if isinstance(policy, FeedbackPolicy):
+        return feedback_controller(policy, guard)
+    return numpy_controller(policy, guard=guard)
+
+
+def loop_test(policy: PendulumPolicy | FeedbackPolicy) -> SelfTest:
     """A test of a pendulum's controller as it is, with its guard: two runs where it has a memory."""
-    controller, units = numpy_controller(policy), np.array(arm_scales(policy.plant).state)
+    controller, units = loop_controller(policy), np.array(arm_scales(policy.plant).state)
     period, tolerance = policy.period or PERIOD, 2 * LOOP_SHARE * np.array(policy.torque_limits)
-    if policy.estimator is None and policy.regulator is None:
+    if isinstance(policy, PendulumPolicy) and policy.estimator is None and policy.regulator is None:
         starts, calls = np.random.default_rng(0).uniform(-1, 1, (TESTS, 4)) * [math.pi, math.pi, 9.0, 9.0], 1
     else:
         starts, calls = np.array(STARTS), TESTS
@@ -122,10 +131,14 @@ def load_tested_policy(folder: Path) -> TaskPolicy:
     return policy
 
 
-def load_tested_controller(folder: Path, robot: Robot | str, guard: GuardChoice) -> LoopController[NumpyPolicy]:
+def load_tested_controller(folder: Path, robot: Robot | str, guard: GuardChoice) -> LoopController[Any]:
     """The controller of an exported folder, which has passed the self-test without its guard; errors as above."""
-    policy = read_pendulum_policy(folder / "policy.safetensors", robot)
-    test, alone = read_test(folder), numpy_controller(replace(policy, guard=None))
+    policy: PendulumPolicy | FeedbackPolicy
+    if (law := folder / LAW_FILE).exists():
+        policy = read_feedback(law)
+    else:
+        policy = read_pendulum_policy(folder / "policy.safetensors", robot)
+    test, alone = read_test(folder), loop_controller(replace(policy, guard=None))
 
     def answer(x: np.ndarray, call: int) -> np.ndarray:
         if call == 0:
@@ -134,7 +147,7 @@ def load_tested_controller(folder: Path, robot: Robot | str, guard: GuardChoice)
 
     with naming(f"policy in {folder}"):
         test.check(answer)
-    return numpy_controller(policy, guard=guard)
+    return loop_controller(policy, guard)
 
 
 def read_test(folder: Path) -> SelfTest:

@@ -17,13 +17,26 @@ from ...dynamics.dynamics import UPRIGHT
 from ...loop.resolve import resolve
 from ...plant.equations import COULOMB_STEEPNESS
 from ...plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
-from ...plant.units import STATE, TIME, TORQUE, Scales, scaled, scales_of, similar_plant
+from ...plant.units import C1, DAMPING, STATE, TIME, TORQUE, Scales, scaled, scales_of, similar_plant
+from ...policy.feedback import FeedbackPolicy, SwingUpLaw, TopLaw
+from ...policy.pendulum import policy_plant
 from ..interface import AbstractController, Time, TimeLike, joint_torques, never, since_first_call
 from ..swingups.design import compute_reference, design_model
 from ..swingups.reference import Reference, load_reference
 from .settings import OPTIMAL_SETTINGS, PUBLISHED_SETTINGS, Optimal, Published, optimal_for, published_for
-from .tracking import mpc, riccati_controller, tvlqr
-from .upright import HAND_OVER, LatchingSwitch, holding_regulator, passive_friction, upright_lqr
+from .tracking import TVLQR, mpc, riccati_controller, tvlqr
+from .upright import (
+    HAND_OVER,
+    HOLDING_BOUNDS,
+    LQR,
+    LatchingSwitch,
+    holding_regulator,
+    passive_friction,
+    upright_lqr,
+)
+
+EXPORTED = ("lqr", "tvlqr", "tvlqr-score")
+"""Those that run without JAX."""
 
 BASELINES = ("lqr", "tvlqr", "ilqr-riccati", "ilqr-mpc", "tvlqr-score")
 """Names of the baselines: the LQR at the top, and controllers that follow a swing-up and end with that LQR.
@@ -103,17 +116,22 @@ def baseline(name: str, robot: Robot | str, plant: PlantLike = LEADERBOARD) -> A
     return InOwnUnits(designed, limit, coulomb, design.scales, robot)
 
 
+def _problem(name: str) -> str:
+    """The problem whose swing-up a baseline follows."""
+    return "score" if name == "tvlqr-score" else "published"
+
+
 def _designed(name: str, design: Design) -> AbstractController[Any]:
     """A baseline for the similar pendulum."""
     model, robot, published, optimal = design.model, design.robot, design.published, design.optimal
-    for_score = name == "tvlqr-score"
+    for_score = _problem(name) == "score"
     settings = optimal.lqr if for_score else published.lqr
     lqr, friction = upright_lqr(model, robot, settings), passive_friction(design.with_friction, robot)
     top: AbstractController[Any] = holding_regulator(design.with_friction, robot) if friction else lqr
     if name == "lqr":
         return top
     following: AbstractController[Any]
-    reference = design.reference("score" if for_score else "published")
+    reference = design.reference(_problem(name))
     if name == "ilqr-mpc":
         following, threshold = mpc(reference, model, robot, published.mpc), published.mpc_threshold
     elif name == "ilqr-riccati":
@@ -130,6 +148,41 @@ def _designed(name: str, design: Design) -> AbstractController[Any]:
             Qf = Qf if s.final_factor is None else s.final_factor * Q
         following = tvlqr(reference, model, robot, (Q, R, Qf), pieces, friction)
     return LatchingSwitch(following, top, np.array(HAND_OVER if friction else threshold), robot)
+
+
+def feedback_policy(name: str, robot: Robot | str, plant: PlantLike = LEADERBOARD) -> FeedbackPolicy:
+    """A baseline of :data:`EXPORTED` as a law that runs without JAX, in the plant's own units.
+
+    Raises:
+        SwingupError: the baseline has no such law, or it, the robot or the plant is unknown; or its swing-up does
+            not come up.
+    """
+    robot, facts = get_robot(robot), resolve(plant).facts
+    if one_of("baseline", name, BASELINES) not in EXPORTED:
+        raise SwingupError(
+            f"{name} cannot be exported: use {' or '.join(EXPORTED)}, or run it by swingup.RealAIGymController"
+        )
+    design = design_of(robot, facts)
+    found, scales, swing_up = _designed(name, design), design.scales, None
+    if isinstance(found, LatchingSwitch):
+        following, threshold = found.first, scales.scaled(found.threshold, *STATE)
+        assert isinstance(following, TVLQR)
+        if not reaches_upright(design.reference(_problem(name)), design.model):
+            raise SwingupError(f"the swing-up of {name} does not come up on {facts}: give its motor more torque")
+        fit, channels = following.fit, (*STATE, TORQUE, TORQUE, TORQUE, DAMPING, DAMPING)
+        starts, ends = (scales.scaled(np.asarray(each), TIME) for each in (fit.starts, fit.ends))
+        swing_up = SwingUpLaw(starts, ends, scales.scaled(np.asarray(fit.coefficients), *channels), threshold)
+        found = found.second
+    held = similar_plant(design.with_friction, C1.over(scales))
+    parts: dict[str, Any] = {"swing_up": swing_up}
+    if isinstance(found, LQR):
+        units = 1.0 / np.array([scales.of(unit) for unit in STATE])
+        gains = scales.scaled(np.asarray(found.gains), TORQUE, TORQUE, DAMPING, DAMPING)
+        cost = np.asarray(found.cost_to_go) * np.outer(units, units)
+        parts["top"] = TopLaw(gains, cost, np.array(found.max_cost_to_go))
+    else:
+        parts |= {"top": None, "regulator": scaled(HOLDING_BOUNDS, scales)}
+    return FeedbackPolicy(name, robot, policy_plant(facts, robot), held, **parts)
 
 
 def shipped_reference(robot: Robot | str, problem: str = "published") -> tuple[Reference, dict[str, Any]]:

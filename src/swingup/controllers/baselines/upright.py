@@ -87,7 +87,8 @@ def linearised(
 _linearise_rows = jax.jit(jax.vmap(linearise, in_axes=(None, 0, 0)))
 
 
-MAX_COST_TO_GO = 1e6  # The regulator acts below this
+HOLDING_BOUNDS = RegulatorSettings(enter=1e6, leave=1e6)
+"""The regulator acts wherever gravity pushes the passive joint outwards."""
 HAND_OVER = (0.4, 0.4, 1.5, 1.5)
 """|errors| below which the regulator takes over from a swing-up (rad, rad/s), in C.1's units. Friction keeps the
 motion from the published ones, which are a quarter of these and less."""
@@ -110,9 +111,8 @@ class Idle(AbstractController[None]):
 
 
 def holding_regulator(plant: Plant, robot: Robot) -> RegulatingController:
-    """The policies' regulator for a plant with its friction, wherever gravity pushes the passive joint outwards."""
-    bounds = RegulatorSettings(enter=MAX_COST_TO_GO, leave=MAX_COST_TO_GO)
-    return with_regulator(Idle(), robot, plant, bounds, float(plant.limit(robot.joint)))
+    """The policies' regulator for a plant with its friction."""
+    return with_regulator(Idle(), robot, plant, HOLDING_BOUNDS, float(plant.limit(robot.joint)))
 
 
 class AbstractExpensiveController(AbstractController[Carry]):

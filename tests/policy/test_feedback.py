@@ -1,0 +1,116 @@
+"""Baselines that run without JAX: NumPy and C beside the JAX original, and their folders and headers."""
+
+import dataclasses
+import functools
+import runpy
+
+import numpy as np
+import pytest
+
+from swingup.controllers.baselines import baselines
+from swingup.controllers.baselines.baselines import feedback_policy, shipped_reference
+from swingup.controllers.interface import loop_controller
+from swingup.controllers.registry import get_controller
+from swingup.export.c_header import c_header
+from swingup.export.folder import export_folder
+from swingup.plant.equations import NUMPY, damped_midpoint_step
+from swingup.plant.files import load_plant
+from swingup.plant.plant import LEADERBOARD, lump
+from swingup.policy.feedback import feedback_controller
+from swingup.policy.guard import GuardSettings
+
+from . import compiled
+
+STARTS = ((0.0, 0.0, 0.0, 0.0), (np.pi - 0.03, 0.02, 0.05, -0.05))
+ZEROS = {"zero1": 0.04, "zero2": -0.03}
+CASES = {
+    "lqr": ("lqr", "acrobot", lambda similar: load_plant("cloudpendulum").changed(**ZEROS, cf1=0.0)),
+    "lqr-rubbing": ("lqr", "pendubot", lambda similar: load_plant("C.1").changed(cf1=0.1, cf2=0.03, **ZEROS)),
+    "tvlqr": ("tvlqr", "acrobot", lambda similar: LEADERBOARD),
+    "tvlqr-rubbing": ("tvlqr", "pendubot", lambda similar: similar(LEADERBOARD).changed(cf1=4e-4, cf2=1e-4)),
+    "tvlqr-score": ("tvlqr-score", "pendubot", lambda similar: similar(LEADERBOARD).changed(**ZEROS)),
+}
+"""A baseline, a robot and a plant, some with friction of either joint."""
+
+
+@functools.cache
+def loops(plant, name, robot):
+    """The law, and times, measurements and torques of JAX's controller in loops from hanging and near the top."""
+    law, lumped, zeros = feedback_policy(name, robot, plant), lump(plant), np.array([*plant.zeros, 0.0, 0.0])
+    limit = law.torque_limit
+    found = loop_controller(get_controller(name, robot, plant=plant), robot, limit=limit)
+    rows = []
+    for x in STARTS:
+        found.reset()
+        for call in range(900):
+            # A clock that does not begin at 0, and calls that do not meet the trajectory's rows.
+            t, measured = 5.0 + 0.0023 * call, np.add(x, zeros)
+            rows.append((t, measured, found(measured, t)))
+            x = damped_midpoint_step(lumped, plant.friction, x, rows[-1][2].tolist(), 0.0023, NUMPY)
+    columns = [np.array(column).reshape(len(STARTS), 900, -1) for column in zip(*rows, strict=True)]
+    return law, [np.ravel(column[..., 0]) if column.shape[-1] == 1 else column for column in columns]
+
+
+@pytest.fixture
+def case(request, similar, monkeypatch):
+    # Similar plants have similar swing-ups: none is computed anew.
+    monkeypatch.setattr(
+        baselines, "_computed_reference", lambda design, problem: shipped_reference(design.robot, problem)[0]
+    )
+    name, robot, plant = CASES[request.param]
+    law, (times, states, torques) = loops(plant(similar), name, robot)
+    return law, times.reshape(len(STARTS), -1), states, torques
+
+
+# A policy of each kind by default: the others have their parts in other combinations.
+EACH = [pytest.param(each, marks=pytest.mark.slow if each in ("lqr", "tvlqr") else []) for each in CASES]
+
+
+@pytest.mark.parametrize("case", EACH, indirect=True)
+def test_torques_are_jaxs(case, tmp_path):
+    law, times, states, expected = case
+    numpys = feedback_controller(law)
+    library = compiled.compile_header(tmp_path, c_header(law), *compiled.CAREFUL)
+    assert library.self_test() == 0
+    for run in range(len(STARTS)):
+        for _ in range(2):
+            numpys.reset()
+            found = np.array([numpys(x, t) for x, t in zip(states[run], times[run], strict=True)])
+            np.testing.assert_allclose(found, expected[run], rtol=0, atol=1e-9)
+        found = compiled.watch(library, times[run], states[run])[0]
+        np.testing.assert_allclose(found, expected[run], rtol=0, atol=1e-9)
+    assert np.ptp(expected[1][:, law.robot.joint]) > 0.01 * law.torque_limit
+    assert law.swing_up is None or np.ptp(expected[0][:, law.robot.joint]) > 0.1 * law.torque_limit
+
+
+def test_a_state_that_is_not_finite_gives_nan(tmp_path):
+    law, joint = feedback_policy("tvlqr", "acrobot"), 1
+    library, states = compiled.compile_header(tmp_path, c_header(law)), np.zeros((4, 4))
+    states[[0, 2], [1, 3]] = np.nan, np.inf
+    found, times = feedback_controller(law), 0.01 * np.arange(4)
+    for u in (
+        np.array([found(x, t) for x, t in zip(states, times, strict=True)]),
+        compiled.watch(library, times, states)[0],
+    ):
+        np.testing.assert_array_equal(np.isnan(u[:, joint]), [True, False, True, False])
+        np.testing.assert_array_equal(u[:, 1 - joint], 0.0)
+
+
+@pytest.mark.parametrize("form", ["realaigym", "cloudpendulum"])
+def test_a_folder_has_the_law_with_its_guard(form, tmp_path):
+    law = dataclasses.replace(
+        feedback_policy("lqr", "pendubot", LEADERBOARD.changed(**ZEROS)), guard=GuardSettings()
+    )
+    entry = runpy.run_path(export_folder(law, tmp_path / "out", form, f"held_{form}"))
+    x = np.array([np.pi + 0.14, -0.13, 0.0, 0.0])
+    found = feedback_controller(dataclasses.replace(law, guard=None))(x, 0.0)
+    assert abs(found[0]) > 0.1
+    controller = entry["controller"]
+    if form == "realaigym":
+        np.testing.assert_array_equal(controller.get_control_output(x, 0.0), found)
+        controller.get_control_output(x + np.array([0, 0, 30, 0]), 0.01)
+        assert "velocity is beyond the limit" in str(controller.fault)
+    readme = next(tmp_path.glob("out/**/*.md")).read_text()
+    assert "The optimal-control baseline lqr" in readme
+    assert "@" not in readme
+    assert controller.robot.name == "pendubot"
