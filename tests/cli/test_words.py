@@ -49,7 +49,8 @@ NONSENSE = [
     ("refine acrobot --out x.txt", "x.txt: its name must end in .safetensors"),
     ("refine acrobot --seeds 5 --out x.safetensors", "--seeds is for --recipe adapt"),
     # Files.
-    ("export tvlqr --to c --out x", "'tvlqr' is a baseline"),
+    ("export tvlqr --to c --out x", "tvlqr needs a robot"),
+    ("export ilqr-mpc --robot acrobot --to c --out x", "ilqr-mpc cannot be exported: use lqr"),
     ("export --robot acrobot --to c --out x --seed 3", "--seed goes with --to trajectory"),
     ("export --robot acrobot --to realaigym --out full", "full is there already"),
     ("export --robot acrobot --to realaigym --out x --username a,b", "'a,b'"),
