@@ -31,15 +31,24 @@ def test_from_a_plant_to_a_header_with_its_zeros(run, tmp_path):
         file.write("delay: 0.004\n")
     text = (tmp_path / "mine.yml").read_text().replace("zero1: 0.0", "zero1: 0.04")
     (tmp_path / "mine.yml").write_text(text)
-    told = run("make-controller mine.yml --frames 4096 --seeds 2 --out policy.h")
-    assert "of 2" in told
-    assert "swingup refine acrobot --recipe=adapt --plant=mine.yml" in told
+    told = run("make-controller mine.yml --seeds 2 --out policy.h")
+    assert "2 of 2" in told
+    assert "refine" not in told
     policy, plant = load_pendulum_policy("policy.safetensors"), load_plant("mine.yml")
-    assert (policy.robot.name, policy.parts) == ("acrobot", ("estimator", "guard"))
+    assert (policy.robot.name, policy.parts) == ("acrobot", ("estimator", "guard", "regulator"))
     assert policy.plant == plant
-    assert policy.torque_limits == (0.0, 6.0)
+    assert policy.metadata["base"]["policy"] == "adaptive"
     header = (tmp_path / "policy.h").read_text()
     assert "swingup_zeros[2] = {4.e-02, 0.e+00}" in header
+
+
+@pytest.mark.slow
+def test_a_weak_motor_needs_a_training(run, tmp_path):
+    run("plant C.1 --set tl1=0 tl2=1.5 --out mine.yml")
+    told = run("make-controller mine.yml --frames 4096 --seeds 2 --out policy.h")
+    assert "0 of 128 come up" in told
+    assert "swingup refine acrobot --recipe=adapt --plant=mine.yml" in told
+    assert load_pendulum_policy("policy.safetensors").parts == ("estimator", "guard")
     # A second call goes on with the run that is there, which has reached its frames.
     run("make-controller mine.yml --frames 4096 --seeds 2 --to realaigym --out policy")
     assert (tmp_path / "policy" / "con_swingup.py").exists()
