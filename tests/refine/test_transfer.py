@@ -6,36 +6,36 @@ import numpy as np
 import pytest
 
 from swingup.plant.files import load_plant
-from swingup.plant.plant import ROBOTS
 from swingup.policy.guard import GuardSettings
 from swingup.policy.shipped import load_pendulum_policy
-from swingup.refine.transfer import TransferSettings, best_candidates, draw_candidates
+from swingup.refine.transfer import SearchSettings, Trial, tell
 
 STATES = np.random.default_rng(0).normal(size=(20, 4)) * [2.0, 2.0, 5.0, 5.0]
-FEW = TransferSettings(candidates=4)
 
 
-def test_the_first_candidate_is_the_shipped_policy_and_others_differ(robot):
-    plant = load_plant("C.1")
-    told, *others = draw_candidates(plant, robot, settings=FEW)
-    shipped = load_pendulum_policy("adaptive", robot, plant)
-    # The folded network knows the same plant, without friction; the parts around it have the plant's friction.
-    np.testing.assert_allclose(told.predict(STATES)[0], shipped.predict(STATES)[0], atol=1e-6)
-    assert told.torque_limit == pytest.approx(shipped.torque_limit)
-    assert told.parts == ("estimator", "regulator")
-    assert told.plant.values() == plant.driven(robot).values()
-    motor = plant.limit(robot.joint)
-    for other in others:
-        assert 0.35 * motor <= other.torque_limit <= motor
-        assert np.abs(other.predict(STATES)[0] - told.predict(STATES)[0]).max() > 0.01
+def test_a_policy_that_is_told_its_own_plant_is_the_shipped_one(robot):
+    plant = load_plant("C.1").driven(robot)
+    shipped = load_pendulum_policy("adaptive", robot)
+    own, expected = tell(shipped, plant, np.zeros(5)), load_pendulum_policy("adaptive", robot, plant)
+    np.testing.assert_allclose(own.predict(STATES)[0], expected.predict(STATES)[0], atol=1e-6)
+    # The parts around the network have the plant with its friction.
+    assert (own.torque_limit, own.parts) == (expected.torque_limit, ("estimator", "regulator"))
+    assert own.plant.values() == plant.values()
+    other = tell(shipped, plant, np.array([0.2, -0.1, 0.0, 0.1, np.log(0.5)]))
+    assert other.torque_limit == pytest.approx(0.5 * own.torque_limit)
+    assert np.abs(other.predict(STATES)[0] - own.predict(STATES)[0]).max() > 0.01
 
 
 @pytest.mark.slow
-def test_candidates_that_come_up_are_kept_and_those_beyond_the_guard_are_not():
-    robot = ROBOTS["pendubot"]
-    candidates = draw_candidates(load_plant("C.1"), robot, settings=FEW)
-    idle = dataclasses.replace(candidates[0], torque_limit=1e-3)
-    few = dataclasses.replace(FEW, runs=8)
-    found = best_candidates([candidates[0], idle], GuardSettings(), settings=few)
-    assert found == [candidates[0]]
-    assert best_candidates([candidates[0]], GuardSettings(velocity_limit=1.0), settings=few) == []
+def test_a_trial_tells_what_holds_and_what_a_guard_would_stop():
+    shipped = load_pendulum_policy("adaptive", "pendubot")
+    good = tell(shipped, load_plant("C.1"), np.zeros(5))
+    candidates = [(np.zeros(5), good), (np.zeros(5), dataclasses.replace(good, torque_limit=1e-3))]
+    few = SearchSettings(runs=4)
+    up, idle = Trial(good, GuardSettings(), few)(candidates, np.random.default_rng(0))
+    assert (up.held, idle.held) == (1.0, 0.0)
+    assert up.height > 0.7
+    assert idle.height == pytest.approx(-1.0, abs=0.01)
+    (stopped,) = Trial(good, GuardSettings(velocity_limit=3.0), few)(candidates[:1], np.random.default_rng(0))
+    assert stopped.held == 0.0
+    assert -1.0 < stopped.height < -0.8

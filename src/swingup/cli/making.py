@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,20 +18,22 @@ from ..common.errors import SwingupError, command_line
 from ..common.files import check_suffix, check_writable
 from ..controllers.stack.policy import make_controller
 from ..export.folder import FORMS as FOLDERS
-from ..export.folder import NAME, check_export_name, check_new
+from ..export.folder import NAME, check_export_name, check_new, cloudpendulum_guard
 from ..identification.identify import Identification, identify
 from ..learner.run import resume_run, start_run
 from ..learner.run_folder import BEST
 from ..learner.run_settings import make_run_settings
 from ..loop.domain import Domain
+from ..loop.loop import LOOP_DT
 from ..loop.resolve import resolve
 from ..plant.files import is_plant_name
 from ..plant.measured import measured_plant
 from ..plant.plant import ROBOTS, Plant, Robot
 from ..policy.estimator import default_estimator
+from ..policy.guard import choose_guard
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
 from ..policy.shipped import load_pendulum_policy
-from ..refine.transfer import best_candidates, draw_candidates
+from ..refine.transfer import find_policies
 from ..report.log_report import identification_tables, report_identification
 from ..report.page import PAGE_FORMATS, save_log_report
 from .arguments import DomainName, FileName, Names, RobotName, check_outputs, word_of
@@ -174,12 +177,13 @@ def _the_robot(plant: Plant, given: Robot | None) -> Robot:
 
 def _transferred(plant: Plant, robot: Robot, to: str, seed: int) -> list[PendulumPolicy]:
     """The first few policies that swing the plant up without training."""
+    own = cloudpendulum_guard(LOOP_DT) if to == "cloudpendulum" else None
+    guard = choose_guard(True, own, LOOP_DT, plant)
+    assert guard is not None  # It was asked for
     with Progress() as bar:
-        bar.log("swinging up by the shipped policy, told other plants")
-        candidates = draw_candidates(plant, robot, seed)
-        guard = choose_export_guard(candidates[0], to, True, {})
-        found = [] if guard is None else best_candidates(candidates, guard)
-        bar.log(f"{len(found)} of {len(candidates)} come up and stay up")
+        bar.log("telling the shipped policy other plants, to swing this one up")
+        found = find_policies(plant, robot, guard, seed, progress=partial(bar, "rounds of the search"))
+        bar.log(f"{len(found)} candidates come up and stay up")
     return found[:TRIES]
 
 

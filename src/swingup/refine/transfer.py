@@ -1,22 +1,24 @@
 """A policy for one known plant without training: the shipped one, told another plant than the true one.
 
 The shipped ``adaptive`` was taught plants about design C.1. Many others it swings up where its network is told base
-parameters that differ from the true ones, and has a part of the motor's torque. Such numbers are drawn, and the
-candidates swing the true plant up in a perfect loop, side by side. The state estimator and the regulator at the top
-have the true plant. The search proves nothing where no candidate comes up.
+parameters that differ from the true ones, for a part of the motor's torque. A search by cross-entropy finds such
+numbers: candidates swing the true plant up in a perfect loop, side by side, and the next ones are drawn about the
+best. The state estimator and the regulator at the top have the true plant. The search proves nothing where no
+candidate comes up: acrobots do where their motor has some 1.3 times the torque of the stretched arm's weight.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..benchmark.rollout import Scenario, simulate
-from ..common.types import Scalar, State
+from ..common.types import Flag, Scalar, State
 from ..controllers.stack.policy import make_controller
 from ..dynamics.dynamics import tip_height
 from ..dynamics.integrate import stable_substeps
@@ -35,41 +37,81 @@ from .recipe import HAND_OVER
 
 
 @dataclass(frozen=True)
-class TransferSettings:
-    """What is drawn, and which candidates count."""
+class SearchSettings:
+    """What is drawn, and what counts."""
 
-    candidates: int = 128  # The first one is told the true plant
-    finalists: int = 16  # Those that are tried again
-    runs: int = 256  # Simulations in each of both trials
-    angles: float = 0.06  # Largest angle of either joint in a start (rad)
-    spread: float = 0.25
-    """Standard deviation of the logarithms of the factors of the inertia's and gravity's base parameters."""
-    torque_shares: tuple[float, float] = (0.35, 1.05)
-    """Shares of the motor's torque for which the network is made, even in the logarithm."""
+    candidates: int = 128  # Of a round; the first one is told the true plant
+    rounds: int = 5
+    best: int = 12
+    """Candidates about which the next ones are drawn. The search ends when so many hold from all starts."""
+    runs: int = 256  # Simulations of a round
+    angles: float = 0.06  # Largest angle of either joint in a start, at rest (rad)
+    spread: float = 0.3  # Standard deviation of the factors' logarithms in the first round
+    least_share: float = 0.4  # Least share of the motor's torque in the first round
+    narrowing: float = 0.7  # A later round's deviations, of those of the best; at least ``least_spread``
+    least_spread: float = 0.08
     duration: float = 8.0  # Of a simulation (s)
-    held: float = 2.0  # A run counts where the tip stays up for the last of it (s)
-    margin: float = 0.95  # ... and speeds and angles stay below this share of the guard's limits
-    speed_weight: float = 2.0  # A speed at the guard's limit costs as much as this time to the top (s)
+    held: float = 2.0  # A run counts as held where the tip is up for the last of it (s)
+    margin: float = 0.95  # Share of a guard's limits beyond which a run counts as hanging
 
 
-def draw_candidates(
-    plant: Plant, robot: Robot, seed: int = 0, settings: TransferSettings = TransferSettings()
+class Tried(NamedTuple):
+    """A candidate and how it did."""
+
+    held: float  # Share of its starts from which it holds
+    height: float  # Mean height of the tip over time, from -1 to 1
+    told: Float[np.ndarray, "5"]
+    policy: PendulumPolicy
+
+
+def find_policies(
+    plant: Plant,
+    robot: Robot,
+    guard: GuardSettings,
+    seed: int = 0,
+    settings: SearchSettings = SearchSettings(),
+    progress: Callable[[int, int], None] = lambda *_: None,
 ) -> list[PendulumPolicy]:
-    """Policies for a plant whose networks are told other plants, each behind an estimator, with a regulator."""
-    shipped, plant, random = (
-        load_pendulum_policy(ADAPTIVE, robot),
-        policy_plant(plant, robot),
-        np.random.default_rng(seed),
-    )
-    factors = np.exp(settings.spread * random.normal(size=(settings.candidates, 4)))
-    shares = np.exp(random.uniform(*np.log(settings.torque_shares), settings.candidates))
-    factors[0], shares[0] = 1.0, 1.0
-    return [_told(shipped, plant, each, share) for each, share in zip(factors, shares, strict=True)]
+    """Policies that swing a plant up within a guard's limits, the most reliable first; perhaps none.
+
+    ``progress`` is called with the number of rounds that are done, and of all.
+    """
+    shipped, random = load_pendulum_policy(ADAPTIVE, robot), np.random.default_rng(seed)
+    plant = policy_plant(plant, robot)
+    trial, number = Trial(tell(shipped, plant, np.zeros(5)), guard, settings), settings.candidates
+    shares = random.uniform(np.log(settings.least_share), 0.0, number)
+    told = np.column_stack([settings.spread * random.normal(size=(number, 4)), shares])
+    told[0] = 0.0
+    found: list[Tried] = []
+
+    def best_first(tried: list[Tried]) -> list[Tried]:
+        return sorted(tried, key=lambda each: (each.held, each.height), reverse=True)
+
+    for index in range(settings.rounds):
+        tried = trial([(each, tell(shipped, plant, each)) for each in told], random)
+        found = best_first(found + tried)[: settings.best]
+        progress(index + 1, settings.rounds)
+        if found[-1].held == 1.0:
+            break
+        best = np.array([each.told for each in found])
+        spread = np.maximum(settings.least_spread, settings.narrowing * best.std(0))
+        told = best[random.integers(len(best), size=number)] + spread * random.normal(size=(number, 5))
+        told[:, 4] = np.minimum(told[:, 4], 0.0)
+    # Again, from more starts.
+    final = trial([(each.told, each.policy) for each in found if each.held], random)
+    return [
+        each.policy for each in sorted(final, key=lambda each: (each.held, each.height), reverse=True) if each.held
+    ]
 
 
-def _told(shipped: PendulumPolicy, plant: Plant, factors: Float[np.ndarray, "4"], share: float) -> PendulumPolicy:
-    """The shipped policy for a share of the motor's torque, told the plant's inertia and gravity times factors."""
+def tell(shipped: PendulumPolicy, plant: Plant, told: Float[np.ndarray, "5"]) -> PendulumPolicy:
+    """The shipped policy for a plant, told another one.
+
+    ``told`` has logarithms: of the factors of the plant's inertia and gravity (the first four base parameters), and
+    of the share of the motor's torque that the policy uses, at most 0.
+    """
     robot = shipped.robot
+    *factors, share = np.exp(told).tolist()
     motor = ("tl1", "tl2")[robot.joint]
     weaker = plant.frictionless().changed(**{motor: share * plant.limit(robot.joint)})
     base = base_parameters(weaker)
@@ -83,65 +125,58 @@ def _told(shipped: PendulumPolicy, plant: Plant, factors: Float[np.ndarray, "4"]
         plant,
         estimator=default_estimator(plant),
         regulator=scaled(HAND_OVER[robot.name], arm_scales(plant)),
-        metadata={"base": {"policy": ADAPTIVE, "told": {"factors": factors.tolist(), "torque_share": share}}},
+        metadata={"base": {"policy": ADAPTIVE, "told": {"factors": factors, "torque_share": share}}},
     )
 
 
-def best_candidates(
-    candidates: list[PendulumPolicy],
-    guard: GuardSettings,
-    seed: int = 0,
-    settings: TransferSettings = TransferSettings(),
-) -> list[PendulumPolicy]:
-    """Those that swing their plant up within a guard's limits: the most reliable first, then the fast and calm.
+class Trial:
+    """Simulations of candidates for one plant, compiled once."""
 
-    The best are tried again, from other starts.
-    """
-    plant, random = candidates[0].plant.changed(**ZEROS), np.random.default_rng(seed)
-    controller = make_controller(replace(candidates[0], plant=plant), estimator=False)
-    scenario = Scenario(plant, substeps=stable_substeps(plant, LOOP_DT))
-    known = single_precision((controller, scenario, arm_scales(plant).of(TORQUE)))
-    left = candidates
-    for _ in range(2):
-        if not left:
-            break
-        owner = np.arange(settings.runs) % len(left)  # The number of runs stays, so that they compile once
-        biases = np.stack([each.network.trunk[0].bias for each in left])[owner]
-        limits = np.array([each.torque_limit for each in left])[owner]
+    def __init__(self, first: PendulumPolicy, guard: GuardSettings, settings: SearchSettings) -> None:
+        """Candidates may differ from the first in the network's first bias and in the torque limit."""
+        plant = first.plant.changed(**ZEROS)
+        controller = make_controller(replace(first, plant=plant), estimator=False)
+        scenario = Scenario(plant, substeps=stable_substeps(plant, LOOP_DT))
+        limits = settings.margin * guard.angle_limit, settings.margin * guard.velocity_limit
+        self._known = single_precision((controller, scenario, arm_scales(plant).of(TORQUE), limits))
+        self._settings = settings
+
+    def __call__(
+        self, candidates: list[tuple[Float[np.ndarray, "5"], PendulumPolicy]], random: np.random.Generator
+    ) -> list[Tried]:
+        """How candidates do, each from as many random starts as make the number of runs."""
+        if not candidates:
+            return []
+        settings = self._settings
+        owner = np.arange(settings.runs) % len(candidates)
+        biases = np.stack([policy.network.trunk[0].bias for _, policy in candidates])[owner]
+        torques = np.array([policy.torque_limit for _, policy in candidates])[owner]
         angles = random.uniform(-settings.angles, settings.angles, (settings.runs, 2))
-        runs = single_precision((biases, limits, np.column_stack([angles, 0 * angles])))
-        arrival, speed, angle = map(np.asarray, _runs(*known, *runs, settings))
-        good = (arrival < settings.duration - settings.held) & (speed < settings.margin * guard.velocity_limit)
-        good &= angle < settings.margin * guard.angle_limit
-        # Failures are far apart: time and speed decide among candidates that are equally reliable.
-        cost = 1e3 * ~good + np.where(good, arrival + settings.speed_weight * speed / guard.velocity_limit, 0.0)
-        means, share = (np.bincount(owner, each) / np.bincount(owner) for each in (cost, good))
-        left = [left[index] for index in np.argsort(means)[: settings.finalists] if share[index] > 0]
-    return left
+        starts = np.column_stack([angles, np.zeros_like(angles)])
+        runs = _runs(self._known, single_precision((biases, torques, starts)), settings)
+        held, height = (np.bincount(owner, np.asarray(each)) / np.bincount(owner) for each in runs)
+        rows = zip(held.tolist(), height.tolist(), candidates, strict=True)
+        return [Tried(share, mean, *candidate) for share, mean, candidate in rows]
 
 
 @eqx.filter_jit
-def _runs(
-    controller: Any,
-    scenario: Scenario,
-    torque_unit: Scalar,
-    biases: Float[Array, "n hidden"],
-    limits: Float[Array, "n"],
-    starts: Float[Array, "n 4"],
-    settings: TransferSettings,
-) -> tuple[Float[Array, "n"], ...]:
-    """When each run is up for good (s), and its largest speed (rad/s) and angle (rad)."""
-    line = UP_FRACTION * scenario.parameters.length
+def _runs(known: Any, varied: Any, settings: SearchSettings) -> tuple[Bool[Array, "n"], Float[Array, "n"]]:
+    """Whether each run holds, and the mean height of its tip."""
+    controller, scenario, torque_unit, (angle_limit, velocity_limit) = known
+    last = round(settings.held / LOOP_DT)
 
-    def varied(c: Any) -> tuple[Any, ...]:
-        return c.controller.policy.actor.trunk[0].bias, c.controller.torque_limit, c.torque_limit
-
-    def one(bias: Array, limit: Scalar, x0: State) -> tuple[Scalar, ...]:
-        own = eqx.tree_at(varied, controller, (bias, limit, limit / torque_unit))
+    def one(bias: Float[Array, "hidden"], limit: Scalar, x0: State) -> tuple[Flag, Scalar]:
+        own = eqx.tree_at(
+            lambda c: (c.controller.policy.actor.trunk[0].bias, c.controller.torque_limit, c.torque_limit),
+            controller,
+            (bias, limit, limit / torque_unit),
+        )
         _, _, rows = simulate(scenario, own, x0, LOOP_DT, round(settings.duration / LOOP_DT))
-        down = jax.vmap(lambda x: ~(tip_height(scenario.parameters, x) > line))(rows.x)
-        arrival = LOOP_DT * (1 + jnp.max(jnp.where(down, jnp.arange(len(down)), -1)))
-        size = jnp.max(jnp.abs(rows.x), axis=0)
-        return arrival, jnp.max(size[2:]), jnp.max(size[:2])
+        height = jax.vmap(lambda x: tip_height(scenario.parameters, x))(rows.x) / scenario.parameters.length
+        # A guard stops a run for good.
+        most = jax.lax.cummax(jnp.abs(rows.x), axis=0)
+        within = (most[:, :2].max(1) < angle_limit) & (most[:, 2:].max(1) < velocity_limit)
+        height = jnp.where(within, height, -1.0)
+        return height[-last:].min() > UP_FRACTION, height.mean()
 
-    return jax.vmap(one)(biases, limits, starts)
+    return jax.vmap(one)(*varied)
