@@ -107,7 +107,7 @@ def test_a_run_leaves_its_files_and_policies_say_where_they_come_from(finished):
     folder, training, reports = finished
     assert {path.name for path in folder.iterdir()} == {
         ".lock", "config.json", "metrics.jsonl", "tensorboard", "checkpoints", "best.safetensors",
-        "first.safetensors", "last.safetensors",
+        "first.safetensors", "last.safetensors", "README.md",
     }  # fmt: skip
     kept = sorted(path.name for path in (folder / "checkpoints").iterdir())
     assert kept == ["000000000512.safetensors", "000000000640.safetensors"]

@@ -16,6 +16,7 @@ from ..learner.run_folder import BEST, FIRST
 from ..plant.plant import ROBOTS, Robot
 from ..policy.shipped import load_policy
 from ..report.page import page_template, render_page, trained_section
+from ..report.run_report import curves_part
 from .arguments import RobotName
 from .output import Progress, program_typed, tell
 from .results import comparison_lines
@@ -77,7 +78,7 @@ def _show_result(robot: Robot, run: Run, passed: float | None, start: float) -> 
     with Progress() as progress:
         section = trained_section(robot, policies, progress)
     title = f"{robot.name.capitalize()}: your policy after {run.frames / 1e6:.3g} million frames"
-    write_atomically(page, render_page([section], title).encode())
+    write_atomically(page, render_page([section], title, [curves_part([run.folder])]).encode())
     verdict = "The best score stayed below the paper's: try more --frames, or another --seed."
     if passed is not None:
         verdict = f"Training passed the paper's score after {passed:.0f} s."

@@ -27,7 +27,6 @@ from ..export.c_text import Precision
 from ..export.folder import FORMS as FOLDERS
 from ..export.folder import NAME, cloudpendulum_guard, cloudpendulum_notes, export_folder
 from ..export.onnx_graph import onnx_model
-from ..learner.metrics import read_metrics
 from ..plant.plant import LEADERBOARD, Robot, validated
 from ..policy.feedback import FeedbackPolicy
 from ..policy.guard import GuardSettings, choose_guard
@@ -37,15 +36,10 @@ from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_policy
 from ..rehearsal.process import CALLING_TIME
 from ..rehearsal.rehearse import Rehearsal, rehearse, spread
 from ..report.draw import FIGURE_FORMATS, draw, render
-from ..report.figures import (
-    curves_figure,
-    make_labels,
-    phase_figure,
-    read_robustness,
-    robustness_figure,
-    trajectory_figure,
-)
+from ..report.figures import make_labels, phase_figure, read_robustness, robustness_figure, trajectory_figure
 from ..report.film import FILM_FORMATS, FPS, SIZE, animate
+from ..report.page import PAGE_FORMATS, save_log_report
+from ..report.run_report import learning_curves, report_runs
 from .arguments import NO_OPTIONS, DomainName, FileName, Names, PlantOptions, RobotName, facts_of, word_of
 from .output import Progress, tell, tell_json
 from .results import aligned, result_lines
@@ -282,11 +276,11 @@ def plot_command(
     size: int = SIZE,
     speed: float = 1.0,
 ) -> None:
-    """Draw figures from files: .png, .svg or .pdf; animations: .gif or .webp.
+    """Draw figures from files: .png, .svg or .pdf; animations: .gif or .webp; learning curves also a page: .html.
 
     Args:
         kind: trajectory, phase or animation, from CSV files; robustness, from the JSON of evaluate --board
-            robustness --json; or curve, from metrics.jsonl.
+            robustness --json; or curve, from runs' folders or their metrics.jsonl.
         files: the files to draw.
         out: the picture's file.
         robot: the robot of the trajectories; by default the one whose driven joint alone has torque.
@@ -300,13 +294,18 @@ def plot_command(
     one_of("kind of plot", kind, PLOT_KINDS)
     if not files:
         raise SwingupError("nothing to draw: give at least one file")
-    suffix = check_suffix(out, FILM_FORMATS if kind == "animation" else FIGURE_FORMATS)
+    formats = {"animation": FILM_FORMATS, "curve": PAGE_FORMATS}
+    suffix = check_suffix(out, formats.get(kind, FIGURE_FORMATS))
     found = facts_of(plant) or LEADERBOARD
     labels = make_labels(files)
     if kind == "robustness":
         figure = robustness_figure(dict(zip(labels, map(read_robustness, files), strict=True)))
     elif kind == "curve":
-        figure = curves_figure(dict(zip(labels, map(read_metrics, files), strict=True)))
+        if suffix == ".html":
+            save_log_report(report_runs(files), out)
+            tell(out)
+            return
+        figure = learning_curves(files)
     else:
         trajectories = [load_trajectory(file, columns) for file in files]
         robots = [robot or driven_robot(file, rows.u) for file, rows in zip(files, trajectories, strict=True)]

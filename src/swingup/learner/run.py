@@ -1,8 +1,8 @@
 """A training run: a host loop over chunks of iterations, so that progress shows, runs resume and seeds batch.
 
-A run's folder holds config.json, metrics.jsonl, tensorboard/, checkpoints/, first.safetensors (untrained),
-best.safetensors and last.safetensors; with several seeds also best-SEED.safetensors and last-SEED.safetensors, and
-best.safetensors is the best of all. A run without a folder writes nothing.
+A run's folder holds config.json, metrics.jsonl, README.md (a model card), tensorboard/, checkpoints/,
+first.safetensors (untrained), best.safetensors and last.safetensors; with several seeds also best-SEED.safetensors
+and last-SEED.safetensors, and best.safetensors is the best of all. A run without a folder writes nothing.
 """
 
 import contextlib
@@ -32,6 +32,7 @@ from ..policy.file import read_network
 from ..policy.network import NormaliseStage, checked
 from ..policy.policy import ACTION_SPACE
 from .backend import AbstractBackend, check_actions, split_seeds
+from .card import write_card
 from .metrics import Evaluation, MetricsWriter, Row, TrainingMetrics
 from .progress import UNRANKED, TrainingProgress, TrainingReport, is_finite, rank, read_progress, score_of
 from .run_folder import BEST, FIRST, LAST, RunFolder, seed_file
@@ -226,6 +227,8 @@ class Run:
         self._check_finite((self.progress.state.actor, self.progress.state.critic), "weights are")
         for index, (policy, result) in enumerate(zip(self.policies(), evaluations, strict=True)):
             self._save_policy(seed_file(LAST, self.settings, index), index, policy, result)
+        if self._folder is not None:
+            write_card(self._folder.path)
         self.save_checkpoint()
 
     def _check_finite(self, tree: Any, subject: str) -> None:

@@ -62,12 +62,13 @@ class Part:
 
 @dataclass(frozen=True)
 class LogReport:
-    """What a page about logs shows."""
+    """What a page about logs or runs shows."""
 
     title: str
     lead: str
     parts: Sequence[Part]
     notes: Sequence[str] = ()  # what a reader should know, one line each
+    pendulums: bool = True  # whether the page says how a pendulum's angles count
 
 
 def shown(value: float | None, digits: int = 3) -> str:

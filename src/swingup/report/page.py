@@ -39,7 +39,7 @@ from ..policy.shipped import AR_EAPO, DEFAULT, load_policy
 from .draw import FIGURE_FORMATS, draw, render
 from .figure import Figure, encode
 from .figures import LINKS, motion_panels, phase_figure, robustness_figure
-from .log_report import LogReport
+from .log_report import LogReport, Part
 
 SHOWN_CONTROLLERS = (DEFAULT, *ENTRANTS)
 """Controllers whose swing-ups the page shows: the default one and the paper's."""
@@ -177,25 +177,29 @@ PAGE_FORMATS = (".html", *FIGURE_FORMATS)
 MAX_SERIES = 8  # Maximum number of controllers in the robustness plot: ours first, then the best published ones
 
 
-def render_page(sections: Sequence[Section], title: str = "Swinging up double pendulums") -> str:
-    """Render a page that shows one or both robots, as the text of one HTML file."""
+def render_page(
+    sections: Sequence[Section], title: str = "Swinging up double pendulums", parts: Sequence[Part] = ()
+) -> str:
+    """Render a page that shows one or both robots and other parts below them, as the text of one HTML file."""
     names = [section.robot for section in sections]
     if not names or len(set(names)) < len(names):
         raise SwingupError(f"a report of {', '.join(names) or 'no robot'}: give one section for each robot")
     arrays: dict[str, int] = {}
     encoded = [_encode(section, arrays) for section in sections]
-    return _render(arrays, {"sections": encoded}, title=title, sections=list(zip(sections, encoded, strict=True)))
+    figures = [encode(part.figure, arrays) for part in parts]
+    robots = list(zip(sections, encoded, strict=True))
+    return _render(arrays, {"sections": encoded, "figures": figures}, title=title, sections=robots, parts=parts)
 
 
 def render_log_page(report: LogReport) -> str:
-    """Render a report about logs as the text of one HTML file."""
+    """Render a report about logs or runs as the text of one HTML file."""
     arrays: dict[str, int] = {}
     figures = [encode(part.figure, arrays) for part in report.parts]
     return _render(arrays, {"figures": figures}, **vars(report))
 
 
 def save_log_report(report: LogReport, out: str | Path) -> None:
-    """Write a report about logs whole or not at all: a page, or its figures as a picture, by the suffix."""
+    """Write a report about logs or runs whole or not at all: a page, or its figures as a picture, by the suffix."""
     suffix = check_suffix(out, PAGE_FORMATS)
     if suffix == ".html":
         content = render_log_page(report).encode()
@@ -214,7 +218,7 @@ def _render(arrays: Mapping[str, int], shown: dict[str, Any], **texts: Any) -> s
         content = content.replace(sign, f"\\u{ord(sign):04x}")
     return str(
         page_template().render(
-            {"sections": [], "parts": [], "notes": [], "lead": "", **texts},
+            {"sections": [], "parts": [], "notes": [], "lead": "", "pendulums": True, **texts},
             version=__version__,
             style=_asset("style.css"),
             data=content,
