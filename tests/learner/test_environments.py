@@ -102,6 +102,9 @@ UNTRAINABLE = {
     "are empty": [functools.partial(Stairs, **{name: Box(-1, 1, (0,))}) for name in ("observations", "actions")],
     "are images": [functools.partial(Stairs, observations=Box(0, 255, (8, 8, 3), np.uint8))],
     "have no bounds to scale to": [functools.partial(Stairs, actions=box) for box in WIDE],
+    "low[1] = -inf and high[1] = 20.0": [
+        functools.partial(Stairs, actions=Box(np.float32([0, -np.inf]), np.float32([5, 20]))),
+    ],
     "are whole numbers in a Box": [functools.partial(Stairs, actions=Box(0, 9, (1,), np.int64))],
     "use a bounded Box, Discrete or": [functools.partial(Stairs, actions=MultiBinary(3))],
     "autoreset_mode = None": [MODELESS],

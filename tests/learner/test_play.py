@@ -122,6 +122,8 @@ def test_films_that_cannot_be_are_refused(tmp_path):
     assert "holds no policy" in refusal(watch, tmp_path / "..", tmp_path / "f.gif")
     assert "draws no picture" in refusal(watch, file, tmp_path / "f.gif", Blind)
     assert ".gif" in refusal(watch, file, tmp_path / "f.avi")
+    pendulum = ZOO / "acrobot-ar-eapo.safetensors"
+    assert "leave seed, frames and options out" in refusal(watch, pendulum, tmp_path / "f.gif", frames=9)
     assert not (tmp_path / "f.gif").exists()
 
 

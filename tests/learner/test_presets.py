@@ -3,6 +3,7 @@
 import pytest
 
 from refusals import refusal
+from swingup import AREAPO
 from swingup.learner.problem import make_problem
 from swingup.learner.run import start_run
 from swingup.learner.run_settings import make_run_settings
@@ -18,6 +19,32 @@ def test_a_run_chooses_by_the_task():
     ):  # fmt: skip
         message = f"preset '{preset}' is for {only}, not for {env}: use one of "
         assert message in refusal(make_problem(env).choose_preset, preset)
+
+
+WORDS = {
+    "verbose": (1, "progress_bar=True"),
+    "device": ("cuda", "JAX takes a GPU"),
+    "tensorboard_log": ("logs", "folder='runs/mine'"),
+    "policy": ("MlpPolicy", "policy_layers"),
+}
+"""Arguments of Stable-Baselines3 that have no counterpart, and what is said of each."""
+WITHOUT_EFFECT = {
+    "reset_cost": {"preset": "ppo"},
+    "gain_step_size": {},
+    "schedule_frames": {"schedule": "constant"},
+}
+
+
+def test_what_would_be_ignored_is_refused():
+    for name, (value, told) in WORDS.items():
+        assert told in refusal(AREAPO, "CartPole-v1", **{name: value})
+    assert "pass the environment first" in refusal(AREAPO, "MlpPolicy", "CartPole-v1")
+    for name, others in WITHOUT_EFFECT.items():
+        assert f"{name} has no effect with" in refusal(AREAPO, "CartPole-v1", **{name: 1}, **others)
+    # A preset's own value, and a word that uses it, are right.
+    changes = {"terminations": "reset_cost", "reset_cost": 3.0}
+    assert make_run_settings("CartPole-v1", changes=changes).config.reset_cost == 3.0
+    assert "goes with a run's folder" in refusal(AREAPO.load, "policy.safetensors", which="best")
 
 
 @pytest.mark.slow

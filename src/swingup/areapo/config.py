@@ -73,7 +73,7 @@ class Config(eqx.Module):
     value_layers: tuple[int, ...] = _static((512, 512), 1)
     """Widths of the hidden layers that both value heads share."""
     activation: Activation = _word("relu", Activation)
-    """Activation of all hidden layers: relu, tanh, elu, silu or gelu.."""
+    """Activation of all hidden layers: relu, tanh, elu, silu or gelu."""
     deviation: Deviation = _word("state", Deviation)
     """What the standard deviation σ of continuous actions is. state: σ depends on the state, and tanh bounds
     actions, as in the paper; action: each action has its own σ and is clipped, as in Stable-Baselines3 and CleanRL;
@@ -154,6 +154,23 @@ class Config(eqx.Module):
 
 HYPERPARAMETERS: dict[str, Any] = {field.name: field for field in dataclasses.fields(Config)}
 """The fields of all hyperparameters by their names."""
+
+
+NEEDED = {
+    "reset_cost": ("terminations", ("reset_cost", "adaptive_cost")),
+    "gain_step_size": ("gain", ("advantage",)),
+    "schedule_frames": ("schedule", ("anneal", "anneal_entropy", "anneal_lambda")),
+}
+"""Hyperparameters that have an effect only with some words of another."""
+
+
+def check_effects(given: Iterable[str], config: Config) -> None:
+    """Refuse hyperparameters that a user gave and that these would ignore."""
+    for name in given:
+        other, words = NEEDED.get(name, ("", ()))
+        if words and (word := getattr(config, other)) not in words:
+            remedy = f"leave it out, or use {other} = {' or '.join(words)}"
+            raise SwingupError(f"{name} has no effect with {other} = {word!r}: {remedy}")
 
 
 def config_from_dict(values: dict[str, Any], others: Iterable[str] = ()) -> Config:

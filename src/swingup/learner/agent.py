@@ -118,7 +118,9 @@ class AREAPO:
                 other bounds than those of training.
         """
         one_of("policy to load", which, ("last", "best"))
-        model, file = cls.__new__(cls), Path(path) / BEST if which == "best" and Path(path).is_dir() else path
+        if which == "best" and not Path(path).is_dir():
+            raise SwingupError(f"which = 'best' goes with a run's folder, not with {path}: leave it out")
+        model, file = cls.__new__(cls), Path(path) / BEST if which == "best" else path
         model._use((start_from_policy if read_format(file) == FORMAT else restore_run)(file, env))
         return model
 

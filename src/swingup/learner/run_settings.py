@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..areapo.config import HYPERPARAMETERS, LARGEST_COUNT, Config, config_from_dict
+from ..areapo.config import HYPERPARAMETERS, LARGEST_COUNT, Config, check_effects, config_from_dict
 from ..common import __version__
 from ..common.arrays import write_json
 from ..common.checks import one_of, whole_number
@@ -128,10 +128,12 @@ def make_run_settings(
     chosen = problem.choose_preset(preset)
     defaults = get_preset(chosen)
     # From names, so that misspelt ones are found.
-    config = vars(defaults.config) | problem.sizes(defaults.config) | dict(changes or {})
+    merged = vars(defaults.config) | problem.sizes(defaults.config) | dict(changes or {})
+    config = config_from_dict(merged, ("env", "folder", *SETTINGS))
+    check_effects(changes or (), config)
     values = {"seed": 0, "seeds": defaults.seeds, **vars(problem.intervals)}
     values |= {name: value for name, value in given.items() if value is not None}
-    return RunSettings(problem, chosen, config=config_from_dict(config, ("env", "folder", *SETTINGS)), **values)
+    return RunSettings(problem, chosen, config=config, **values)
 
 
 def settings_of_policy(metadata: Mapping[str, Any], env: Any = None) -> RunSettings:

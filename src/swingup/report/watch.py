@@ -60,6 +60,8 @@ def watch(
     policies = [load_policy(file) for file in files]
     pendulums = [each for each in policies if isinstance(each, PendulumPolicy)]
     if env is None and len(pendulums) == len(files):
+        if seed or options or frames != LONGEST:
+            raise SwingupError("a robot's film is the benchmark's swing-up: leave seed, frames and options out")
         return _swing_ups(files, pendulums, out)
     lines, strips, rates = list[str](), list[list[np.ndarray]](), list[float]()
     for file, policy in zip(files, policies, strict=True):
