@@ -1,4 +1,4 @@
-"""Small environments in the styles of gymnax, envelope and brax, which need none of them and compile in no time.
+"""One small environment in the styles of Gymnasium, gymnax, envelope and brax; of these only Gymnasium is needed.
 
 In all of them one walks from near 0: beyond a door they end, and going there pays.
 """
@@ -8,8 +8,10 @@ from collections import namedtuple
 from typing import Any
 
 import equinox as eqx
+import gymnasium
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 Box = namedtuple("Box", "low high shape dtype", defaults=(jnp.float32,))
 Discrete = namedtuple("Discrete", "n")
@@ -100,6 +102,28 @@ class Hall(eqx.Module):
     def step(self, state, action):
         after, reward, terminated = walk(state, action, 0.5, self.door)
         return after, Info(seen(after), reward, terminated, after.time >= self.max_steps)
+
+
+class Passage(gymnasium.Env):
+    """Gymnasium's style."""
+
+    observation_space = gymnasium.spaces.Box(-9.0, 9.0, (1, 2), np.float32)
+
+    def __init__(self, door=2.0, max_steps=6, actions=None):
+        self.action_space = gymnasium.spaces.Box(-1.0, 3.0, (1, 1)) if actions is None else actions
+        self.door, self.max_steps = door, max_steps
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.state = State(self.np_random.uniform(-0.1, 0.1), 0)
+        return np.float32([[self.state.place, 0.0]]), {}
+
+    def step(self, action):
+        assert self.action_space.contains(action), action
+        pace = float(np.ravel(action)[0])
+        self.state = State(self.state.place + 0.5 * pace, self.state.time + 1)
+        ended, (place, time) = self.state.place > self.door, self.state
+        return np.float32([[place, 0.5 * time]]), pace, ended, time >= self.max_steps, {}
 
 
 class Room:

@@ -1,24 +1,31 @@
-"""Environments of gymnax and envelope, as tasks and to the learner; and the pendulums in gymnax's form."""
+"""One contract for all adapters of environments; what they refuse; and the pendulums in gymnax's form."""
 
 import dataclasses
+import functools
 from collections import namedtuple
 
-import equinox as eqx
+import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from policies import load_any_policy
 from refusals import refusal
 from swingup import AREAPO
+from swingup.controllers.stack.policy import make_policy
 from swingup.gymnax import PendulumEnvironment
+from swingup.learner.environments import make_environments
+from swingup.learner.problem import make_problem
 from swingup.plant.plant import ROBOTS
+from swingup.policy.network import Layer, Network
 from swingup.tasks.adapters import EnvelopeTask, GymnaxTask, as_task
 from swingup.tasks.presets import smooth_task
+from swingup.tasks.task import AbstractTask
 
 from . import corridors
-from .corridors import PACES, Corridor, Discrete, Hall, Logged, Params, Room
+from .corridors import PACES, Corridor, Discrete, Hall, Logged, Params, Passage, Room
 from .environments import TINY
 
 SMOOTH = dataclasses.replace(smooth_task(ROBOTS["acrobot"]), truncation_probability=0.0)
@@ -26,56 +33,91 @@ ACROBOT = PendulumEnvironment("acrobot", SMOOTH)
 
 
 def moved_by(place, time):
-    return lambda start: start + np.array([place, time])
+    return lambda starts: starts + np.array([place, time])
 
 
 Ending = namedtuple("Ending", "action steps terminated last")
 """An action that, held from the start, ends an episode after some steps, of the task or of its time; and the last
-observation as a function of the first one."""
+observations as a function of the first ones."""
+Shown = namedtuple("Shown", "starts observation reward terminated truncated")
+"""What the learner is shown of two episodes: their starts, then the steps, with the axes (step, episode)."""
 
 
-def check_contract(task, endings):
-    """Check a task, and each of its endings."""
+@functools.partial(jax.jit, static_argnames="steps")
+def play(task, keys, actions, steps):
+    """Starts, and the steps in one scan, which takes states of one type alone."""
 
-    @jax.jit
-    def hold(key, action, keys):
-        """An episode's steps, in one scan, which takes states of one type alone; and its start."""
+    def advance(states, _):
+        step = jax.vmap(task.step)(states, actions, keys)
+        return step.state, step
 
-        def advance(state, key):
-            step = task.step(state, action, key)
-            return step.state, step
-
-        start = task.reset(key)
-        return jax.lax.scan(advance, start, keys)[1], task.observe(start)
-
-    first, second = jax.random.split(jax.random.key(5))
-    _check_resets(task, first, second)
-    for ending in endings:
-        action = jnp.atleast_1d(jnp.asarray(ending.action, int if task.choices else jnp.float32))
-        given = first, action, jax.random.split(first, ending.steps)
-        steps, start = hold(*given)
-        ended = np.asarray(steps.terminated | steps.truncated)
-        assert ended.tolist() == [False] * (ending.steps - 1) + [True]
-        # One flag alone: a time limit is no end of the task, and the other way round.
-        assert bool(steps.terminated[-1]) is ending.terminated
-        assert bool(steps.truncated[-1]) is not ending.terminated
-        np.testing.assert_allclose(steps.observation[-1], ending.last(np.asarray(start)), rtol=1e-5, atol=1e-6)
-        assert steps.reward.shape == (ending.steps,)
-        assert eqx.tree_equal(steps, hold(*given)[0])
+    starts = jax.vmap(task.reset)(keys)
+    return jax.vmap(task.observe)(starts), jax.lax.scan(advance, starts, None, steps)[1]
 
 
-def _check_resets(task, first, second):
-    """Resets are a function of the key, one by one and side by side, in the shapes that the task promises."""
+def hold(env, action, steps, seed=5):
+    """Two episodes in which an action, the policy's, is held."""
+    actions, task = np.tile(np.atleast_1d(action), (2, 1)), as_task(env)
+    if isinstance(task, AbstractTask):
+        starts, found = play(task, jax.random.split(jax.random.key(seed)), actions, steps)
+        return Shown(starts, found.observation, found.reward, found.terminated, found.truncated)
+    environments = make_environments(task, 2)
+    starts = environments.reset(seed)
+    rows = [environments.step(actions) for _ in range(steps)]
+    names = "true_next", "rewards", "terminated", "truncated"
+    return Shown(starts, *(np.stack([getattr(row, name) for row in rows]) for name in names))
 
-    def observe(key):
-        return task.observe(task.reset(key))
 
-    side_by_side = jax.jit(jax.vmap(observe))(jnp.stack([first, second, first]))
-    assert side_by_side.shape == (3, task.observation_size)
-    assert side_by_side.dtype == jnp.float32
-    np.testing.assert_array_equal(side_by_side[0], side_by_side[2])
-    assert not np.array_equal(side_by_side[0], side_by_side[1])
-    np.testing.assert_allclose(jax.jit(observe)(first), side_by_side[0], rtol=1e-5, atol=1e-6)
+def check_starts(make, endings):
+    """Starts are functions of the seed, of the promised shape; two episodes differ."""
+    one, again, other = (hold(make(), *endings[0][:2], seed).starts for seed in (5, 5, 6))
+    assert (one.shape[0], one.ndim, one.dtype) == (2, 2, np.float32)
+    np.testing.assert_array_equal(one, again)
+    assert not np.array_equal(one[0], one[1])
+    assert not np.array_equal(one, other)
+
+
+def check_ends(make, endings):
+    """An end is the task's or a time limit's, never both, and comes with the observation before any reset."""
+    for action, steps, terminated, last in endings:
+        shown = hold(make(), action, steps)
+        ended = np.asarray(shown.terminated | shown.truncated)
+        assert ended.tolist() == [[False, False]] * (steps - 1) + [[True, True]]
+        assert shown.terminated[-1].tolist() == [terminated] * 2
+        assert shown.truncated[-1].tolist() == [not terminated] * 2
+        np.testing.assert_allclose(shown.observation[-1], last(np.asarray(shown.starts)), rtol=1e-5, atol=1e-6)
+
+
+def check_repeats(make, endings):
+    """The same seed and actions give the same bits; rewards are numbers in single precision."""
+    one, again = (hold(make(), *endings[0][:2]) for _ in range(2))
+    for left, right in zip(one, again, strict=True):
+        np.testing.assert_array_equal(left, right)
+    assert (one.reward.dtype, one.reward.shape) == (np.float32, (endings[0].steps, 2))
+    assert np.isfinite(one.reward).all()
+
+
+def check_evaluation(make, endings):
+    """An evaluation counts steps, and resets without time limits."""
+    adapted = as_task(make())
+    known = adapted if isinstance(adapted, AbstractTask) else make_environments(adapted, 2)
+    size, _, choices = dataclasses.astuple(known.spaces)
+    for action, steps, terminated, _ in endings:
+        wanted = np.atleast_1d(action)
+        bias = np.concatenate([np.eye(n)[k] for n, k in zip(choices, wanted, strict=True)]) if choices else wanted
+        head = Layer(np.zeros((len(bias), size), np.float32), np.float32(bias))
+        policy = make_policy(Network((), (), head, choices=choices or None, bounds="clip"))
+        found = make_problem(make()).evaluate(policy, 5, 2, known.actions.describe())
+        assert (found.mean_length, found.resets_per_1000_steps) == (steps, 1000.0 / steps * terminated)
+
+
+PROPERTIES = [check_starts, check_ends, check_repeats, check_evaluation]
+
+
+def check_contract(make, endings):
+    """Check all that adapters promise."""
+    for check in PROPERTIES:
+        check(make, endings)
 
 
 BARE = ("default_params", "action_space", "observation_space", "reset", "step_env", "is_truncated")
@@ -89,19 +131,33 @@ WALKS = [Ending(1.0, 2, True, moved_by(3.0, 1.0)), Ending(-0.5, 6, False, moved_
 STEPS = [Ending(1, 5, True, moved_by(2.5, 2.5)), Ending(0, 6, False, moved_by(0.0, 3.0))]
 # Three directions along the hall and two across, which do not matter.
 CROSSING = Discrete((3, 2))
-TASKS = {
-    "gymnax box": (GymnaxTask(Corridor()), WALKS),
-    "gymnax wrapper": (GymnaxTask(Logged(Corridor())), WALKS),
-    "gymnax step_env": (GymnaxTask(Bare()), WALKS),
-    "gymnax discrete": (GymnaxTask(Corridor(Discrete(3)), Params(door=2.25)), STEPS),
-    "envelope box": (EnvelopeTask(Hall()), WALKS),
-    "envelope choices": (EnvelopeTask(Hall(2.25, action_space=CROSSING)), [STEPS[0]._replace(action=(1, 1))]),
+
+
+# Instances of a class without __eq__ are compiled anew.
+CORRIDOR, LOGGED, BARE_ONE, CHOOSING = Corridor(), Logged(Corridor()), Bare(), Corridor(Discrete(3))
+
+
+def passages(mode):
+    return lambda: SyncVectorEnv([Passage] * 2, autoreset_mode=mode)
+
+
+ADAPTERS = {
+    "gymnasium box": (lambda: Passage, WALKS),
+    "gymnasium discrete": (lambda: functools.partial(Passage, 2.25, 6, gymnasium.spaces.Discrete(3)), STEPS),
+    **{f"vector {mode.value}": (passages(mode), WALKS) for mode in AutoresetMode},
+    "gymnax box": (lambda: CORRIDOR, WALKS),
+    "gymnax wrapper": (lambda: LOGGED, WALKS),
+    "gymnax step_env": (lambda: BARE_ONE, WALKS),
+    "gymnax discrete": (lambda: (CHOOSING, Params(door=2.25)), STEPS),
+    "envelope box": (Hall, WALKS),
+    "envelope choices": (lambda: Hall(2.25, action_space=CROSSING), [STEPS[0]._replace(action=(1, 1))]),
 }
 
 
-@pytest.mark.parametrize("name", TASKS)
-def test_adapter_keeps_the_contract(name):
-    check_contract(*TASKS[name])
+@pytest.mark.parametrize("adapter", ADAPTERS)
+@pytest.mark.parametrize("check", PROPERTIES)
+def test_adapters_keep_the_contract(adapter, check):
+    check(*ADAPTERS[adapter])
 
 
 def test_numbers_of_an_environment_are_arguments():
@@ -223,20 +279,26 @@ def test_gymnax_itself():
     gymnax = pytest.importorskip("gymnax", reason="gymnax is not installed: pip install 'swingup[gymnax]'")
     wrappers = pytest.importorskip("gymnax.wrappers.purerl")
     env, params = gymnax.make("CartPole-v1")
+    short = params.replace(max_steps_in_episode=4)
     for each in (env, wrappers.LogWrapper(env)):
-        task = GymnaxTask(each, params.replace(max_steps_in_episode=4))
-        assert task.choices == (2,)
+        assert GymnaxTask(each, short).choices == (2,)
 
-        def last(start, task=task):
-            state = (env.reset(jax.random.split(jax.random.key(5))[0], params))[1]
-            for _ in range(4):
-                seen, state, *_ = env.step_env(jax.random.key(0), state, jnp.array(1), task.params)
-            return seen
+        def last(starts):
+            """Where four pushes to the right lead from each start, by the package alone."""
+            seen = []
+            for start in starts:
+                state = env.reset(jax.random.key(0), params)[1].replace(
+                    **dict(zip(("x", "x_dot", "theta", "theta_dot"), map(jnp.asarray, start), strict=True))
+                )
+                for _ in range(4):
+                    observation, state, *_ = env.step_env(jax.random.key(0), state, jnp.array(1), short)
+                seen.append(observation)
+            return np.stack(seen)
 
-        check_contract(task, [Ending(1, 4, False, last)])
+        check_contract(lambda each=each: (each, short), [Ending(1, 4, False, last)])
     gymnax.register("Acrobot-swingup", lambda: ACROBOT)
     ours, ours_params = gymnax.make("Acrobot-swingup")
-    check_contract(GymnaxTask(ours, ours_params.replace(max_steps_in_episode=2)), [])
+    check_starts(lambda: (ours, ours_params.replace(max_steps_in_episode=2)), [Ending(0.0, 2, False, None)])
 
 
 @pytest.mark.slow  # compiles for seconds
@@ -267,25 +329,47 @@ def test_an_environment_trains_saves_and_goes_on(tmp_path):
     assert "the environment's are 1 choices of 3" in refusal(model.evaluate, 2, env=Corridor(Discrete(3)))
 
 
+def envelope_with(package):
+    """jax-envelope, where it is installed with a suite."""
+    pytest.importorskip(package, reason=f"{package} is not installed: see docs/learner.md")
+    return pytest.importorskip("envelope", reason="jax-envelope is not installed: pip install 'swingup[envelope]'")
+
+
 @pytest.mark.slow  # the packages are not installed with the tests
 @pytest.mark.filterwarnings("default")  # theirs
 def test_a_terminating_environment_of_the_package():
     """In jumanji's Snake the head runs into a wall."""
-    pytest.importorskip("jumanji", reason="jumanji is not installed: see docs/learner.md")
-    missing = "jax-envelope is not installed: pip install 'swingup[envelope]'"
-    envelope = pytest.importorskip("envelope", reason=missing)
+    envelope = envelope_with("jumanji")
     inner = envelope.create("jumanji::Snake-v1", {"num_rows": 4, "num_cols": 4}, max_episode_steps=9)
     env = envelope.FlattenObservationWrapper(envelope.ContinuousObservationWrapper(inner))
     assert "several arrays: wrap it in envelope.ContinuousObservationWrapper" in refusal(EnvelopeTask, inner)
-    task = EnvelopeTask(env)
-    assert task.choices == (4,)
-    # Always up, 0, from the contract's first start: stepped here by the package alone.
-    step = jax.jit(inner.step)
-    state, info = jax.jit(inner.init)(jax.random.split(jax.random.key(5))[0])
-    steps = 0
-    while not info.terminated:
-        state, info = step(state, jnp.array(0))
-        steps += 1
-    last = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(info.obs)])
-    assert 1 <= steps <= 4
-    check_contract(task, [Ending(0, steps, True, lambda start: last)])
+    assert EnvelopeTask(env).choices == (4,)
+    check_starts(lambda: env, [Ending(0, 1, True, None)])
+    # Always up, 0: stepped here by the package alone.
+    step, shown = jax.jit(inner.step), hold(env, 0, 4)
+    for episode, key in enumerate(jax.random.split(jax.random.key(5))):
+        state, info = jax.jit(inner.init)(key)
+        for index in range(4):
+            state, info = step(state, jnp.array(0))
+            seen = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(info.obs)])
+            np.testing.assert_allclose(shown.observation[index, episode], seen, rtol=1e-5, atol=1e-6)
+            assert bool(shown.terminated[index, episode]) is bool(info.terminated)
+            if info.terminated:
+                break
+        assert info.terminated
+        assert not info.truncated
+
+
+@pytest.mark.slow  # compiles for a minute
+@pytest.mark.filterwarnings("default")  # theirs
+@pytest.mark.parametrize(
+    ("package", "name"),
+    [("brax", "brax::fast"), ("mujoco_playground", "mujoco_playground::CartpoleBalance")],
+)
+def test_a_suite_of_the_package(package, name):
+    """A limit truncates, starts and repeats are the seed's."""
+    env = envelope_with(package).create(name, max_episode_steps=3)
+    action = np.zeros(EnvelopeTask(env).action_size)
+    for check in (check_starts, check_repeats):
+        check(lambda: env, [Ending(action, 2, False, None)])
+    assert hold(env, action, 3).truncated.tolist() == [[False, False]] * 2 + [[True, True]]
