@@ -364,12 +364,12 @@ def test_a_terminating_environment_of_the_package():
 @pytest.mark.filterwarnings("default")  # theirs
 @pytest.mark.parametrize(
     ("package", "name"),
-    [("brax", "brax::fast"), ("mujoco_playground", "mujoco_playground::CartpoleBalance")],
+    [("brax", "brax::inverted_pendulum"), ("mujoco_playground", "mujoco_playground::CartpoleBalance")],
 )
 def test_a_suite_of_the_package(package, name):
-    """A limit truncates, starts and repeats are the seed's."""
-    env = envelope_with(package).create(name, max_episode_steps=3)
-    action = np.zeros(EnvelopeTask(env).action_size)
-    for check in (check_starts, check_repeats):
-        check(lambda: env, [Ending(action, 2, False, None)])
-    assert hold(env, action, 3).truncated.tolist() == [[False, False]] * 2 + [[True, True]]
+    """A limit truncates; starts and repeats are the seed's."""
+    task = EnvelopeTask(envelope_with(package).create(name, max_episode_steps=3))
+    ending = Ending(np.zeros(task.action_size), 3, False, None)
+    check_starts(lambda: task, [ending])
+    check_repeats(lambda: task, [ending])
+    assert hold(task, *ending[:2]).truncated.tolist() == [[False, False]] * 2 + [[True, True]]

@@ -11,23 +11,26 @@ import gymnasium
 import pytest
 
 import swingup
+from refusals import refusal
 from swingup import AREAPO
 from swingup.cli.exporting import plot_command
 from swingup.learner.card import write_card
 from swingup.policy.file import write_network
 
 from .environments import TINY
-from .test_play import walker
+from .test_play import saved, walker
 
 EXAMPLE = Path(swingup.__file__).parents[2] / "examples" / "04_callbacks.py"
 RUN = {"frames": 640, "seconds": 2.0, "seed": 3, "command": "swingup train --env=a", "version": "9.9"}
 
 
-def card_of(folder, name, score, **entries):
+def card_of(folder, score, **entries):
     result = {"score": score, "reward_rate": 0.5, "resets_per_1000_steps": 0.0}
     policy = walker(1)
     write_network(
-        folder / name, policy.network, {**policy.metadata, **RUN, **entries, "scores": {"episodes": result}}
+        folder / "best.safetensors",
+        policy.network,
+        {**policy.metadata, **RUN, **entries, "scores": {"episodes": result}},
     )
     write_card(folder)
     return (folder / "README.md").read_text(encoding="utf-8")
@@ -35,10 +38,10 @@ def card_of(folder, name, score, **entries):
 
 def test_a_card_says_what_the_best_policy_is_and_can_do(tmp_path):
     odd = 'my "task": <x>'
-    without = card_of(tmp_path, "last.safetensors", None, task=odd)
+    without = card_of(tmp_path, None, task=odd)
     assert "| mean return | `–` |" in without
     assert "model-index" not in without
-    card = card_of(tmp_path, "best.safetensors", 3.0, task=odd)
+    card = card_of(tmp_path, 3.0, task=odd)
     assert "| saved after | `640 frames in 2 s, seed 3` |\n| command | `swingup train --env=a` |" in card
     assert 'load_policy("best.safetensors")' in card
     _, head, _ = card.split("---\n")
@@ -47,14 +50,14 @@ def test_a_card_says_what_the_best_policy_is_and_can_do(tmp_path):
     assert found["dataset"] == f"{{type: {json.dumps(odd)}, name: {json.dumps(odd)}}}"
     assert found["tags"] == f"[reinforcement-learning, {json.dumps(odd)}]"
     assert "{type: mean_reward, name: mean return, value: 3.0}" in head
-    assert "name: reward rate, value: 0.5" in card_of(tmp_path, "best.safetensors", 0.5)
-    assert "| RealAI score | `0.7` |\n| saved after" in card_of(tmp_path, "best.safetensors", 0.7, robot="acrobot")
+    assert "name: reward rate, value: 0.5" in card_of(tmp_path, 0.5)
+    assert "| RealAI score | `0.7` |\n| saved after" in card_of(tmp_path, 0.7, robot="acrobot")
 
 
 def test_a_run_has_a_page_with_its_learning_curve(tmp_path):
     for name, score in (("one", 3.0), ("other", 4.0)):
         (tmp_path / name).mkdir()
-        card_of(tmp_path / name, "best.safetensors", score)
+        card_of(tmp_path / name, score)
         row = {"seed": 0, "frames": 640, "reward": 0.5, "score": score, "mean_length": 6.0}
         (tmp_path / name / "metrics.jsonl").write_text(json.dumps(row))
     runs = str(tmp_path / "one"), str(tmp_path / "other" / "metrics.jsonl")
@@ -65,6 +68,10 @@ def test_a_run_has_a_page_with_its_learning_curve(tmp_path):
     assert re.findall(r"<td>(\d)</td>", page) == ["3", "4"]
     assert "best mean return" in page
     assert "shoulder" not in page.split("<footer>")[1].split("</footer>")[0]
+    assert "go with animation" in refusal(plot_command, "curve", runs, out=str(tmp_path / "p.png"), fps=9.0)
+    assert "go with traj" in refusal(plot_command, "curve", runs, out=str(tmp_path / "p.png"), columns=("time",))
+    saved(tmp_path / "other" / "best.safetensors", walker(1))
+    assert "has no scores: name the folder" in refusal(plot_command, "curve", runs, out=str(tmp_path / "p.html"))
     assert "best mean return" in (tmp_path / "curve.svg").read_text(encoding="utf-8")
 
 

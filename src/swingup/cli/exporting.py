@@ -294,6 +294,10 @@ def plot_command(
     one_of("kind of plot", kind, PLOT_KINDS)
     if not files:
         raise SwingupError("nothing to draw: give at least one file")
+    if kind != "animation" and (fps, size, speed) != (FPS, SIZE, 1.0):
+        raise SwingupError("--fps, --size and --speed go with animation: leave them out")
+    if kind in ("robustness", "curve") and (robot or plant or columns):
+        raise SwingupError("robot, plant and columns go with trajectories: leave them out")
     formats = {"animation": FILM_FORMATS, "curve": PAGE_FORMATS}
     suffix = check_suffix(out, formats.get(kind, FIGURE_FORMATS))
     found = facts_of(plant) or LEADERBOARD

@@ -5,12 +5,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..common.errors import duration
+from ..common.errors import SwingupError, duration
 from ..common.files import write_atomically
 from ..policy.file import read_metadata
 from ..policy.policy import TASK
-from .metrics import REWARD_RATE, describe_rates, shown_rate
-from .run_folder import BEST, LAST
+from .metrics import MISSING, REWARD_RATE, describe_rates, shown_rate
+from .run_folder import BEST
 
 CARD = "README.md"
 
@@ -21,31 +21,34 @@ def measured(metadata: Mapping[str, Any]) -> tuple[str, float | None, Mapping[st
     score = result["score"]
     if "robot" in metadata:
         return "RealAI score", score, result
-    return ("reward rate" if score == result[REWARD_RATE] else "mean return"), score, result
+    return ("reward rate" if score == result.get(REWARD_RATE) else "mean return"), score, result
 
 
 def facts(metadata: Mapping[str, Any]) -> dict[str, str]:
     """What a policy file says of its run, in words."""
     name, score, result = measured(metadata)
     rates = {} if "robot" in metadata else {"rates": describe_rates(result)}
+    frames, seconds = metadata.get("frames", 0), metadata.get("seconds", 0.0)
     return {
         name: shown_rate(score),
         **rates,
-        "saved after": f"{metadata['frames']:,} frames in {duration(metadata['seconds'])}, seed {metadata['seed']}",
-        "command": metadata["command"],
-        "made by": f"swingup {metadata['version']}",
+        "saved after": f"{frames:,} frames in {duration(seconds)}, seed {metadata.get('seed', MISSING)}",
+        "command": metadata.get("command", MISSING),
+        "made by": f"swingup {metadata.get('version', MISSING)}",
     }
 
 
-def best_policy(folder: Path) -> tuple[str, dict[str, Any]]:
-    """The file of a run's best policy, or of its last where none has a score, and the file's metadata."""
-    file = BEST if (folder / BEST).exists() else LAST
-    return file, read_metadata(folder / file)
+def best_policy(folder: Path) -> dict[str, Any]:
+    """The metadata of the best policy in a run's folder."""
+    metadata = read_metadata(folder / BEST)
+    if not metadata.get("scores"):
+        raise SwingupError(f"{folder / BEST} has no scores: name the folder of a run")
+    return metadata
 
 
 def write_card(folder: Path) -> None:
     """Describe the best policy in a run's folder."""
-    file, metadata = best_policy(folder)
+    metadata = best_policy(folder)
     name, score, _ = measured(metadata)
     # JSON is YAML, whatever a task is called.
     task = json.dumps(str(metadata.get("robot") or metadata[TASK]))
@@ -73,7 +76,7 @@ tags: [reinforcement-learning, {task}]{"" if score is None else results}
 ```python
 from swingup.runtime import load_policy  # NumPy alone
 
-policy = load_policy("{file}")
+policy = load_policy("{BEST}")
 action, _ = policy.predict(observation)
 ```
 """

@@ -227,7 +227,7 @@ class Run:
         self._check_finite((self.progress.state.actor, self.progress.state.critic), "weights are")
         for index, (policy, result) in enumerate(zip(self.policies(), evaluations, strict=True)):
             self._save_policy(seed_file(LAST, self.settings, index), index, policy, result)
-        if self._folder is not None:
+        if self._folder is not None and (self._folder.path / BEST).exists():
             write_card(self._folder.path)
         self.save_checkpoint()
 
