@@ -283,3 +283,27 @@ def test_an_adaptation_keeps_the_best_so_far_and_ends_where_a_stage_does_not_hel
     assert found.policy.regulator.leave == load_policy(str(out), "acrobot").regulator.leave == 10.0 + best
     assert (found.domain.name, found.result.successes) == ("recorded", -1)
     assert (f"{out} has the one before" in lines) == (best < stages)
+
+
+def test_an_interrupted_adaptation_goes_on_after_its_last_finished_stage(tmp_path, monkeypatch):
+    made, policy, calls = load_policy("adaptive", "acrobot"), load_policy("ar-eapo", "acrobot"), []
+
+    def refined(base, recipe, seed, report, finished, **_):
+        calls.append((recipe, finished, base.regulator is not None))
+        for stage in range(finished + 1, 3):
+            report(RefinementReport((), stage, 1, 2, 0.0, made, None, {}))
+            if not finished and stage == 2:
+                raise KeyboardInterrupt  # In the middle of the second stage
+            report(RefinementReport((None, None), stage, 2, 2, 0.0, made, None, {}))
+
+    monkeypatch.setattr(adapting, "run_recipe", refined)
+    monkeypatch.setattr(adapting, "save_refined", lambda path, now, *_: write_pendulum_policy(path, now.policy, {}))
+    monkeypatch.setattr(adapting, "judge", lambda *_, **__: types.SimpleNamespace(successes=50))
+    out = tmp_path / "mine.safetensors"
+    with pytest.raises(KeyboardInterrupt):
+        adapt("acrobot", out, policy=policy, draws=50)
+    # Another seed is another adaptation; the same one begins with what the first stage made.
+    assert [each.name for each in tmp_path.glob("mine-*")] == ["mine-adapt-0.safetensors"]
+    adapt("acrobot", out, policy=policy, draws=50)
+    assert calls == [("adapt", 0, False), ("adapt", 1, True)]
+    assert not list(tmp_path.glob("mine-*"))

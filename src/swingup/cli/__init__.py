@@ -19,6 +19,14 @@ GRACE = 3.0
 """Seconds that a command has for its end after Ctrl-C."""
 
 
+_INTERRUPTED_LINES = ["swingup: interrupted"]
+
+
+def say_if_interrupted(line: str) -> None:
+    """What Ctrl-C prints from now on, after its own line."""
+    _INTERRUPTED_LINES[1:] = [line]
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run a command, by default the process's; bad input ends in one line on standard error and a failure."""
     # XLA's warnings of slow compilation tell a user nothing. JAX reads this when it is imported.
@@ -34,7 +42,7 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.flush()
         return status
     except KeyboardInterrupt:
-        print("swingup: interrupted", file=sys.stderr)
+        print(*_INTERRUPTED_LINES, sep="\n", file=sys.stderr)
         if arguments is None:
             os._exit(INTERRUPTED)  # XLA's threads, which know no signals, can crash an orderly exit
         return INTERRUPTED
@@ -96,7 +104,9 @@ def _end_soon_after_interrupts() -> None:
         while sockets[0].recv(1)[0] != signal.SIGINT:
             pass
         time.sleep(GRACE)
-        os.write(2, b"swingup: interrupted\n")  # print would wait for a main thread that prints
+        os.write(
+            2, "".join(f"{line}\n" for line in _INTERRUPTED_LINES).encode()
+        )  # print would wait for a main thread that prints
         os._exit(INTERRUPTED)
 
     threading.Thread(target=watch, daemon=True).start()

@@ -16,6 +16,7 @@ from ..refine.adapt import Watch, adapt
 from ..refine.recipe import ADAPT, RECIPES, RECOVER, RefinementReport, run_recipe, save_refined
 from ..report.log_report import report_adaptation
 from ..report.page import PAGE_FORMATS, save_log_report
+from . import say_if_interrupted
 from .arguments import NO_OPTIONS, DomainName, FileName, PlantOptions, RobotName, check_outputs, plant_of, word_of
 from .output import Progress, tell
 from .results import result_lines
@@ -37,7 +38,8 @@ def refine_command(
 ) -> int:
     """Refine a trained policy by gradients through the simulation or by teachers, in minutes to an hour.
 
-    The file is rewritten as it proceeds: an interrupted run leaves its latest policy. adapt needs no policy: where
+    The file is rewritten as it proceeds: an interrupted run leaves its latest policy, and Ctrl-C says how to go on.
+    adapt then goes on after its last finished stage. adapt needs no policy: where
     the shipped one does not succeed, it trains one that recovers, computes swing-ups of plants of a domain, distils
     them into a network that sees its plant, and where that does not succeed either, adds recoveries. The best of
     these is judged on other draws.
@@ -68,6 +70,9 @@ def refine_command(
     base = None if policy is None else load_pendulum_policy(policy, robot)
     on = plant_of(plant)
     if recipe == ADAPT:
+        say_if_interrupted(
+            f"{out} and files beside it keep what is done: the same command goes on after the last finished stage"
+        )
         draws = 100 if seeds is None else seeds
         known = {"policy": base, "frames": frames, "seed": seed, "draws": draws, "command": command}
         return _adapt(robot, out, page, plant=on, domain=domain, **known)
@@ -76,6 +81,8 @@ def refine_command(
 
         def report(now: RefinementReport) -> None:
             save_refined(out, now, base, command, seed)
+            on = command_line("refine", robot.name, **{**options, "policy": out}, out=out, **plant)
+            say_if_interrupted(f"{out} has the policy after {now.iteration} of {now.total} steps: go on with {on}")
             _show(bar, now)
 
         run_recipe(base, recipe, seed, plant=on, domain=domain, report=report, progress=bar)

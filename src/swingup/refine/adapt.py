@@ -140,7 +140,10 @@ def adapt(
         attempts.refine(load_policy(str(out), robot), RECOVER, seed + number)
         if not attempts.keep_best("with more recoveries"):
             break
-    return Adaptation(load_policy(str(out), robot), around, attempts.judged(JUDGED_SEED))
+    result = attempts.judged(JUDGED_SEED)
+    for recipe, number in ((ADAPT, 0), *((RECOVER, number) for number in range(RECOVERIES))):
+        attempts.stage_file(recipe, seed + number).unlink(missing_ok=True)
+    return Adaptation(load_policy(str(out), robot), around, result)
 
 
 @dataclass
@@ -160,11 +163,32 @@ class _Attempts:
         return self.successes >= ENOUGH * self.seeds
 
     def refine(self, base: PendulumPolicy, recipe: str, seed: int) -> None:
+        """Take a policy through a recipe; what an interrupted call of the same finished is not repeated."""
+        kept, stages = self.stage_file(recipe, seed), (0, 1)
+        origin = {"command": self.command, "domain": str(self.domain)}
+        if kept.exists():
+            before = load_policy(str(kept), self.robot)
+            if origin.items() <= before.metadata.items():
+                base, stages = before, before.metadata["stages"]
+
         def report(now: RefinementReport) -> None:
             save_refined(self.out, now, base, self.command, seed)
+            if now.iteration == now.total:
+                write_pendulum_policy(kept, now.policy, origin | {"stages": [now.stage, len(now.stages)]})
             self.watch.report(now)
 
-        run_recipe(base, recipe, seed, domain=self.domain, report=report, progress=self.watch.progress)
+        finished, total = stages
+        if finished < total:
+            run_recipe(
+                base, recipe, seed,
+                domain=self.domain, finished=finished, report=report, progress=self.watch.progress,
+            )  # fmt: skip
+        else:
+            write_atomically(self.out, kept.read_bytes())
+
+    def stage_file(self, recipe: str, seed: int) -> Path:
+        """Where the policy after a recipe's last finished stage is kept until the adaptation ends."""
+        return self.out.with_name(f"{self.out.stem}-{recipe}-{seed}{SUFFIX}")
 
     def judged(self, seed: int) -> Result:
         name, progress = str(self.out), partial(self.watch.progress, "judging")

@@ -125,6 +125,7 @@ def run_recipe(
     *,
     plant: PlantLike | Domain | None = None,
     domain: Domain | str | None = None,
+    finished: int = 0,
     report: Callable[[RefinementReport], Any] = lambda _: None,
     progress: StageProgress = lambda _, __, ___: None,
 ) -> PendulumPolicy:
@@ -139,6 +140,8 @@ def run_recipe(
             off by 10 %. None for the domain's plants.
         domain: for a policy that sees its plant: plants, about the one that the domain is designed for, without
             friction, and loops; None for ``recorded``.
+        finished: stages of the recipe that the policy has gone through already; those that are left draw other
+            numbers then.
         report: called after every ten gradient steps, after each round of a distillation, and after each stage.
         progress: called with what a distillation computes, how much of it is done, and of how much.
 
@@ -162,7 +165,7 @@ def run_recipe(
     similar = similar_plant(facts, arm_scales(facts))
     controller = for_similar_plant(controller, similar)
     limit = around.high.passive_limit(robot)
-    random, start = np.random.default_rng(seed), time.perf_counter()
+    random, start = np.random.default_rng([seed, finished] if finished else seed), time.perf_counter()
 
     def judge_and_report(
         number: int, total: int, now: PolicyController, iteration: int, measures: dict[str, float] | None = None
@@ -176,7 +179,7 @@ def run_recipe(
         seconds = time.perf_counter() - start
         report(RefinementReport(stages, number, iteration, total, seconds, wrapped, criteria, measures or {}))
 
-    for number, stage in enumerate(stages, start=1):
+    for number, stage in enumerate(stages[finished:], start=finished + 1):
         if isinstance(stage, GradientStage):
             controller = descend(controller, stage, random, partial(judge_and_report, number, stage.steps), similar)
             continue
