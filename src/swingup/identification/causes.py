@@ -38,13 +38,17 @@ FAR = 300.0  # Evidence below the best in the first fit from which a suspect is 
 STILL = 3.0  # Steps of an encoder within which a joint stands
 FADING_RATE = 0.05  # Rate at which stiction fades (rad/s), as in the loop
 
-NAMES = (
-    *(*BASE_NAMES, "offset1", "offset2", "gain", "delay"),
-    *("spring1", "spring2", "load1", "load2", "stiction", "sag", "lost", "link1", "link2"),
+UNITS = dict(
+    zip(BASE_NAMES, ("kg m²", "kg m²", "kg m", "kg m", *["N m s/rad"] * 2, *["N m"] * 2, "kg m²"), strict=True)
 )
-"""Entries z: θ, and the loop: rad, delivered over commanded torque, s, N m/rad, N m; stiction as a share of the dry
-friction; the torque limit lost for a rate (N m s/rad), and lost at once as a share of it; and what both links are
-heavier by, as shares of their masses and inertias."""
+UNITS |= {
+    "offset1": "rad", "offset2": "rad", "gain": "", "delay": "s", "spring1": "N m/rad", "spring2": "N m/rad",
+    "load1": "N m", "load2": "N m", "stiction": "", "sag": "N m s/rad", "lost": "", "link1": "", "link2": "",
+}  # fmt: skip
+"""Units of the entries z: θ, and the loop. The gain is delivered over commanded torque; stiction is a share of the
+dry friction; the motors lose torque limit for a rate (sag), and a share of it at once; and both links are heavier
+by shares of their masses and inertias."""
+NAMES = tuple(UNITS)
 INDEX = {name: place for place, name in enumerate(NAMES)}
 POSITIVE = ("b1", "b2", "cf1", "cf2", "Ir", "spring1", "spring2", "stiction", "sag", "lost", "delay")
 LINEAR = BASE + 6  # Entries whose impulses are linear, springs, loads and both joints' stiction after θ
@@ -116,9 +120,10 @@ class Explanation:
     evidence: float  # log E
     errors: Float[np.ndarray, "spans 2"]  # e (rad/s)
 
-    def value(self, name: str) -> float:
-        """A fitted entry."""
-        return float(self.z[INDEX[name]])
+    def text(self, name: str) -> str:
+        """A fitted entry with its deviation and unit."""
+        place = INDEX[name]
+        return f"{self.z[place]:.3g} ± {self.sigma[place]:.1g} {UNITS[name]}".rstrip()
 
 
 def explain(
