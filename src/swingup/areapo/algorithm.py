@@ -33,6 +33,7 @@ from .state import (
     Metrics,
     Rollout,
     make_metrics,
+    no_metrics,
     reset_ended,
 )
 from .statistics import mean, pair_mean, standardise
@@ -59,9 +60,7 @@ def train(state: LearnerState, task: Task, config: Config, iterations: Count | i
         return state, jax.tree.map(jnp.add, carry[1], metrics)
 
     # The number of iterations is traced: all chunks share a program. To stack metrics, it would have to be static.
-    shapes = jax.eval_shape(lambda state: iteration(state, task, config)[1], state)
-    zeros = jax.tree.map(jnp.zeros_like, shapes)
-    state, total = jax.lax.fori_loop(0, iterations, add_iteration, (state, zeros))
+    state, total = jax.lax.fori_loop(0, iterations, add_iteration, (state, no_metrics()))
     return state, jax.tree.map(lambda metric: metric / iterations, total)
 
 

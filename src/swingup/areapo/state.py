@@ -144,6 +144,16 @@ class Metrics(eqx.Module):
         return {name: float(value) for name, value in values.items() if name != "losses"}
 
 
+def no_metrics() -> Metrics:
+    """Zeros, to which the metrics of iterations are added."""
+    zero = jnp.zeros(())
+    return Metrics(
+        reward=zero, entropy=zero, gain=zero, entropy_gain=zero, value=zero, entropy_value=zero,
+        gradient_norm=zero, termination_rate=zero, truncation_rate=zero, reset_cost=zero,
+        losses=LossMetrics(zero, zero, zero, zero, zero),
+    )  # fmt: skip
+
+
 def make_metrics(
     state: LearnerState,
     rollout: Rollout,
