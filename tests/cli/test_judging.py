@@ -116,15 +116,6 @@ def test_baselines_of_sim2real_are_designed_for_the_domains_plant(capsys, monkey
         assert f"designed for {plant}\n" in capsys.readouterr().err
 
 
-def test_a_leaderboard_has_its_entrants_and_remarks(run, run_json, entrants):
-    entrants("lqr")
-    brief = "leaderboard acrobot --board hardware --controller mine:plain,mine:nan"
-    rows = run_json(brief)
-    assert {row["controller"] for row in rows} == {"lqr", "mine:plain", NAN}
-    assert "not finite" in next(row["remark"] for row in rows if row["controller"] == NAN)
-    assert f"{NAN}: " in run(brief, "--markdown")
-
-
 HOSTILE = "a\nb\x1b[31m|<b>`*=1\udcff"
 """A name with a line end, an escape sequence, markup, and a byte that is no UTF-8."""
 

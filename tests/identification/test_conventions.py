@@ -47,9 +47,9 @@ def wrapped(angle):
 
 ABSOLUTE, SWAPPED = "q2=pos_meas2-pos_meas1 dq2=vel_meas2-vel_meas1", "u1=tau_con2 u2=tau_con1"
 CONVENTIONS = {
+    "reversed": (lambda c: {"q2": -c.q2, "d2": -c.d2}, "q2=-pos_meas2 dq2=-vel_meas2"),
     "absolute, up": (lambda c: {"q1": c.q1 - PI, "q2": c.q1 + c.q2 - PI, "d2": c.d1 + c.d2},
                      f"q1=pos_meas1+pi {ABSOLUTE}"),
-    "reversed": (lambda c: {"q2": -c.q2, "d2": -c.d2}, "q2=-pos_meas2 dq2=-vel_meas2"),
     "counts": (each("q", lambda q: np.round(q * 4096 / TURN)), "q1=pos_meas1:counts/4096 q2=pos_meas2:counts/4096"),
     "mN m": (each("u", lambda u: 1000 * u), "u1=tau_con1:mNm u2=tau_con2:mNm"),
     "milliseconds": (lambda c: {"t": np.round(1000 * c.t)}, "time=time:ms"),
@@ -69,11 +69,11 @@ CONVENTIONS = {
     "absolute, up, wrapped": (lambda c: {"q1": wrapped(c.q1 - PI), "q2": wrapped(c.q1 + c.q2 - PI),
                                          "d2": c.d1 + c.d2}, f"q1=pos_meas1+pi {ABSOLUTE}"),
 }  # fmt: skip
-"""What was done to a log, and the words that undo it; the first two are not slow."""
+"""What was done to a log, and the words that undo it; the first is not slow, since it needs no pairs."""
 
 
 @pytest.mark.parametrize(
-    "name", [*[*CONVENTIONS][:2], *(pytest.param(name, marks=pytest.mark.slow) for name in [*CONVENTIONS][2:])]
+    "name", [*[*CONVENTIONS][:1], *(pytest.param(name, marks=pytest.mark.slow) for name in [*CONVENTIONS][1:])]
 )
 def test_the_option_makes_it_the_same_log(tmp_path, table, name):
     path, table, (change, words) = tmp_path / "log.csv", table[:1300], CONVENTIONS[name]  # 3 s

@@ -154,11 +154,15 @@ def test_the_plants_own_limit_counts():
     limits = [search.limits_for(each, joint) for each in domains for joint in ("both", "elbow")]
     assert [each.torque for each in limits] == [(60.0, 60.0), (0.0, 60.0), (2.0, 2.0), (0.0, 2.0)]
     assert search.limits_for(domains[0], "both", 20.0).torque == (20.0, 20.0)
+    # In the loop of another robot as well, whose motors have 6 N m; so is the prior around the plant.
+    for domain in ("recorded", None):
+        prior = prior_around(resolve("cloudpendulum", domain))
+        assert search.limits_for(prior, "both").torque == pytest.approx((0.13, 0.13))
 
 
-@pytest.mark.parametrize("domain", ["recorded", pytest.param(None, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("domain", ["recorded", None])
 def test_torques_are_those_of_the_plants_motors(domain):
-    """In the loop of another robot as well, whose motors have 6 N m; so is the prior around the plant."""
     found = search.excite("cloudpendulum", domain, duration=3.0)
     assert 0 < np.abs(found.torque).max() <= max(found.limits.torque) == pytest.approx(0.13)
 

@@ -334,6 +334,7 @@ def test_a_robot_by_name():
     assert 0.0 <= model.evaluate()["score"] < 0.1
 
 
+@pytest.mark.slow  # a program of its own, and two episodes of 1,000 steps
 def test_dm_controls_acrobot_is_acted_in_itself(tmp_path, monkeypatch):
     """The file keeps what its preset adds: the magnified observation, and torques to choose from."""
     monkeypatch.setattr("swingup.tasks.acrobot_swingup.winnable_states", lambda *_, **__: jnp.zeros((2, 4)))

@@ -12,7 +12,7 @@ import pytest
 from swingup.controllers.stack.policy import make_controller, policy_alone
 from swingup.export.c_header import c_header
 from swingup.export.folder import export_folder
-from swingup.export.javascript import policy_data, policy_script
+from swingup.export.javascript import policy_data
 from swingup.export.onnx_graph import onnx_model
 from swingup.policy.numpy_backend import numpy_controller
 from swingup.policy.self_test import load_tested_policy
@@ -80,7 +80,7 @@ class Onnx:
 
 
 class JavaScript:
-    """In a ``browser``, which the test gives."""
+    """In a browser's ``page`` with the policies' script, which the test gives."""
 
     def __init__(self, policy, folder):
         self._data, self._joint = policy_data(policy), policy.robot.joint
@@ -89,16 +89,13 @@ class JavaScript:
         # JSON has no NaN: numbers that are not finite travel as words.
         words = {"nan": "NaN", "inf": "Infinity", "-inf": "-Infinity"}
         rows = [[value if np.isfinite(value) else words[str(value)] for value in x] for x in states.tolist()]
-        page = self.browser.new_page()
-        page.add_script_tag(content=policy_script())
-        answer = page.evaluate(
+        answer = self.page.evaluate(
             """([spec, driven, states]) => {
                 const act = swingup.makePolicy(spec, driven);
                 return states.map((x) => act(x.map((v) => (typeof v === "string" ? Number(v) : v))).map(String));
             }""",
             [self._data, self._joint, rows],
         )
-        page.close()
         u = np.array(answer, np.float64)
         assert not u[:, 1 - self._joint].any()
         return u[:, self._joint]

@@ -14,6 +14,7 @@ import pytest
 import swingup
 from swingup.controllers.registry import get_controller
 from swingup.dynamics.dynamics import UPRIGHT
+from swingup.export.javascript import policy_script
 from swingup.plant.base_parameters import base_parameters
 from swingup.policy.numpy_backend import numpy_controller
 from swingup.policy.shipped import ADAPTIVE, AR_EAPO
@@ -66,10 +67,16 @@ def made(tmp_path_factory, request):
     """Back ends by name and policy, each made once."""
 
     @functools.cache
+    def page():
+        opened = request.getfixturevalue("chromium").new_page()
+        opened.add_script_tag(content=policy_script())
+        return opened
+
+    @functools.cache
     def make(back_end, name):
         found = BACK_ENDS[back_end].make(policy(name), tmp_path_factory.mktemp(back_end))
         if back_end == "javascript":
-            found.browser = request.getfixturevalue("chromium")
+            found.page = page()
         return found
 
     return make
@@ -315,7 +322,7 @@ def test_scores(either_robot, policy, within):
     assert in_numpy == pytest.approx(score, abs=within)
 
 
-@pytest.mark.parametrize("back_end", ["jax", "numpy", "c", "onnx"])
+@pytest.mark.parametrize("back_end", [pytest.param("jax", marks=pytest.mark.slow), "numpy", "c", "onnx"])
 def test_encoders_zeros_are_subtracted(back_end, tmp_path):
     """Angles from zeros of 40 and -30 mrad give the torques of angles from 0, before an estimator as well."""
     own, zeros = policy(ESTIMATED[0]), [0.04, -0.03, 0.0, 0.0]
