@@ -7,7 +7,7 @@ from swingup import load_plant
 from swingup.cli.making import make_controller_command
 from swingup.policy.shipped import load_pendulum_policy
 
-FACTS = "plant C.1 --set tl1=0 --out mine.yml"
+FACTS = "plant leaderboard --set tl1=0 --out mine.yml"
 
 
 def test_what_is_refused_before_anything_is_made(run, tmp_path):
@@ -44,7 +44,7 @@ def test_from_a_plant_to_a_header_with_its_zeros(run, tmp_path):
 
 @pytest.mark.slow
 def test_a_weak_motor_needs_a_training(run, tmp_path):
-    run("plant C.1 --set tl1=0 tl2=1.5 --out mine.yml")
+    run("plant leaderboard --set tl1=0 tl2=1.5 --out mine.yml")
     told = run("make-controller mine.yml --frames 4096 --seeds 2 --out policy.h")
     assert "0 candidates come up" in told
     assert "swingup refine acrobot --recipe=adapt --plant=mine.yml" in told

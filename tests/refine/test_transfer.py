@@ -29,7 +29,7 @@ def test_a_policy_that_is_told_its_own_plant_is_the_shipped_one(robot):
 @pytest.mark.slow
 def test_a_trial_tells_what_holds_and_what_a_guard_would_stop():
     shipped = load_pendulum_policy("adaptive", "pendubot")
-    good = tell(shipped, load_plant("C.1"), np.zeros(5))
+    good = tell(shipped, load_plant("leaderboard"), np.zeros(5))
     candidates = [(np.zeros(5), good), (np.zeros(5), dataclasses.replace(good, torque_limit=1e-3))]
     few = SearchSettings(runs=4)
     up, idle = Trial(good, GuardSettings(), few)(candidates, np.random.default_rng(0))

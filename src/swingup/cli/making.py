@@ -45,7 +45,7 @@ from .training import train_shown
 
 PRESET, FRAMES = "small", 2_500_000
 """What is trained where the shipped policy does not swing the plant up; pendubots hold after a million frames."""
-TRIES = 4  # Policies of no training that are judged before one is trained
+TRIES = 12  # Policies of no training that are judged before one is trained
 DRAWS = 20  # Simulated pendulums that judge the controller
 ENOUGH = 0.95  # Share of them below which the command names what to do
 START = "C.1"
