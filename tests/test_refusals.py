@@ -147,7 +147,9 @@ TOGETHER = {
         ADAPTIVE, plant=ADAPTIVE.plant.changed(g=9e8)
     ),
     "give it a motor": lambda: get_task("global", ACROBOT, c1(tl2=0.0)),
-    "torque limit of 0: raise tl2": lambda: get_controller("lqr", "acrobot", plant=c1(tl2=0.0)),
+    "has tl2 = 0, and the acrobot's motor is at joint 2": lambda: get_controller(
+        "lqr", "acrobot", plant=c1(tl2=0.0)
+    ),
     "trained with actions of no space": lambda: check_actions({}, Space((1,), "float32", low=[-1.0], high=[1.0])),
 }
 """Arguments of which each alone is good."""

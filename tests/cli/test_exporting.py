@@ -1,5 +1,6 @@
 """The commands export and plant: what they write runs where it is meant to, and bad input leaves nothing."""
 
+import dataclasses
 import runpy
 
 import numpy as np
@@ -9,7 +10,7 @@ from policies import lone_policy
 from policy.references import task_policy
 from swingup import load_plant, load_policy
 from swingup.cli import main
-from swingup.controllers.baselines.baselines import shipped_reference
+from swingup.controllers.baselines.baselines import Design, shipped_reference
 from swingup.controllers.stack.policy import save_controller
 from swingup.controllers.swingups.reference import load_reference
 from swingup.policy.file import write_network
@@ -68,6 +69,16 @@ def test_a_shipped_swing_up_is_written_at_once(run):
         run(f"export tvlqr-score --robot pendubot --to trajectory --out {file}")
     np.testing.assert_array_equal(np.genfromtxt("a.csv", delimiter=",", names=True)["tau1"], expected)
     np.testing.assert_array_equal(load_reference("a.safetensors")[0].torque, expected)
+
+
+def test_a_swing_up_that_does_not_come_up_is_not_written(run, monkeypatch, tmp_path, capsys):
+    hanging = shipped_reference("acrobot")[0]
+    hanging = dataclasses.replace(hanging, states=0.0 * hanging.states)
+    monkeypatch.setattr(Design, "compute", lambda self, problem, seed: (hanging, {}))
+    words = "export tvlqr --robot acrobot --to trajectory --seed 3 --out up.csv"
+    assert main(words.split()) == 2
+    assert "no swing-up of the acrobot was found with seed 3" in capsys.readouterr().err
+    assert not (tmp_path / "up.csv").exists()
 
 
 def test_a_folder_for_cloudpendulum(run, tmp_path):

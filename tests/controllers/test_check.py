@@ -1,5 +1,7 @@
 """The checker finds what is wrong with controllers that others plug in, and nothing wrong with good ones."""
 
+import itertools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,10 +11,10 @@ import pytest
 import swingup
 from policies import lone_policy
 from refusals import refusal
-from swingup.controllers.check import check_controller
+from swingup.controllers.check import call_time, check_controller, slow_call, upright_law
 from swingup.controllers.interface import AbstractController, PythonController, checked_torques
 from swingup.controllers.registry import get_controller
-from swingup.plant.plant import ROBOTS, get_robot
+from swingup.plant.plant import LEADERBOARD, ROBOTS, get_robot
 from swingup.policy.numpy_backend import numpy_controller
 from swingup.policy.shipped import load_policy
 from swingup.runtime import load_controller
@@ -212,3 +214,48 @@ def test_a_policy_that_compensates_friction_declares_it(robot):
 @pytest.mark.slow  # JAX compiles identifier and regulator for seconds
 def test_in_jax_too(robot):
     assert check_controller(get_controller("adaptive", robot), get_robot(robot)) == []
+
+
+SPONGS = LEADERBOARD.changed(
+    m1=1.0, m2=1.0, l1=1.0, l2=2.0, r1=0.5, r2=1.0, I1=0.083 + 0.25, I2=0.33 + 1.0, tl1=0.0, tl2=1000.0
+)
+"""Links of 1 and 2 m and 1 kg each, with inertias about their centres of 0.083 and 0.33 kg m²."""
+CLASSIC = np.array([-246.481, -98.690, -106.464, -50.138])
+"""K of u = -K [q1 - π/2, q2, q̇1, q̇2], with q1 from the horizontal (Spong, IEEE Control Systems 15, 1995)."""
+
+
+@pytest.mark.parametrize(
+    ("sign", "upright", "named"),
+    [
+        (1.0, np.pi, None),
+        (-1.0, np.pi, "its torque at the top has the wrong sign"),
+        (1.0, np.pi / 2, "it takes q1 = 1.571 for upright, counted from horizontal"),
+        (-1.0, 0.0, "give it q1 - 3.142 and change its torque's sign"),
+    ],
+)
+def test_the_sign_and_the_zero_of_a_law_at_the_top(sign, upright, named):
+    findings, notes = upright_law(
+        lambda x, t: [0.0, -sign * CLASSIC @ (x - [upright, 0, 0, 0])], get_robot("acrobot"), SPONGS
+    )
+    assert len(findings) == (named is not None)
+    assert named is None or named in findings[0]
+    # Far from its own zero it has the same gains.
+    assert "K = [-246.481" in notes[0] or sign < 0
+    assert "poles" in notes[0]
+
+
+def test_a_solver_that_is_slow_at_times_is_told(monkeypatch):
+    """Every tenth call takes 13 ms, of a clock that stands still otherwise."""
+    calls, passed = itertools.count(), [0.0]
+
+    def act(x, t):
+        passed[0] += 0.013 if next(calls) % 10 == 0 else 1e-5
+        return [0.0, 0.0]
+
+    monkeypatch.setattr("swingup.controllers.check.time.perf_counter", lambda: passed[0])
+    took = call_time(PythonController(act), 0.002)
+    assert took == pytest.approx((1e-5, 0.013, 0.013))
+    assert slow_call(took, 0.002).startswith(
+        "one call takes 0.01 ms (median; 99 % 13, longest 13 ms) on this machine"
+    )
+    assert slow_call(took, 0.02) is None

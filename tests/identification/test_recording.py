@@ -1,8 +1,11 @@
 """Logs: what is read and refused, smoothing, and errors of predictions over their windows."""
 
+import re
+import shlex
+
 import numpy as np
 import pytest
-from synthetic import HEADER, QUANTUM, write
+from synthetic import HEADER, QUANTUM, simulate, write
 
 from refusals import refusal
 from swingup.identification.recording import read_recording
@@ -145,3 +148,16 @@ def test_a_cubic_is_its_own_smoothing(tmp_path):
     recording, origin = recording_of(tmp_path, 0.002, repeat=2)
     times = np.array([0.5, 1.0])
     np.testing.assert_allclose(smooth(recording, times)[:, 2], cubics(times + origin)[:, 2], atol=5e-3)
+
+
+def test_suggested_columns_keep_earlier_ones_and_run_as_printed(tmp_path):
+    table = simulate(2.0)
+    table[:, 0] *= 1e3
+    log = write(tmp_path / "mine.csv", table[:, [0, 1, 2, 5, 6]], "clock,theta1,theta2,current1,current2")
+    words = ["time=clock:ms"]
+    for missing in ("pos_meas1", "tau_con1"):
+        said = refusal(lambda given=tuple(words): read_recording(log, given))
+        assert f"lacks {missing}" in said
+        words = shlex.split(re.search(r"--columns (.*?), if", said)[1])
+        assert words[0] == "time=clock:ms"
+    assert read_recording(log, words).duration == pytest.approx(2.0, abs=0.01)

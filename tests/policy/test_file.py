@@ -188,7 +188,7 @@ BAD_FILES = {
     },
     "lacks metadata plant": {"plant": None},
     "unknown plant parameter 'm3': use one of m1, m2": {"plant": {**PLANT, "m3": 1.0}},
-    "tl2 = 0: the acrobot's driven joint needs a torque limit": {"plant": {**PLANT, "tl2": 0.0}},
+    "has tl2 = 0, and the acrobot's motor is at joint 2": {"plant": {**PLANT, "tl2": 0.0}},
     "max_delay_steps = 2.5: use a whole number": {"estimator": {"max_delay_steps": 2.5}},
     "identifier without an estimator: add estimator, {} for": {"identifier": {}},
     "setting passive_limit = -1: use a number from 0": {"estimator": {}, "identifier": {"passive_limit": -1}},

@@ -51,6 +51,8 @@ FAULTS = {
     "elbow repeated": (([1, 3], None, STEPS), Reason.STALE, 1, AT + 11),
     "all repeated": ((range(4), None, STEPS), Reason.STALE, 0, AT + 11),
     "angles alone repeated": (([0, 1], None, STEPS), Reason.NONE, -1, None),
+    "jump": (([0], 1.5), Reason.JUMP, 0, AT),
+    "a whole turn": (([0], 2 * np.pi + 0.2), Reason.NONE, -1, None),
     "pause": (((), None, 0, 9.75), Reason.LATE, -1, AT),
     "short pause": (((), None, 0, 8.5), Reason.NONE, -1, None),
     "clock backward": (((), None, 0, -5.0), Reason.CLOCK, -1, AT),
@@ -132,6 +134,22 @@ def test_a_joint_that_stands_still_under_a_large_torque():
     controller.inner._network = lambda x: 2.9
     controller.reset()
     assert all(controller(np.array([0.1, 0.2, 0.0, 0.0]), DT * call).any() for call in range(200))
+
+
+@pytest.mark.parametrize("back_end", ["numpy", pytest.param("c", marks=compiled.needs_gcc)])
+def test_a_dead_encoder_shows_the_same_while_the_other_joint_moves(tmp_path, back_end):
+    """5 rad/s for 1.5 rad: after 0.3 s, in the 151st call with an elbow that stays."""
+    states = np.array([[5.0 * DT * call, 0.2, 5.0, 0.0] for call in range(160)])
+    times, own = DT * np.arange(len(states)), guarded()
+    if back_end == "numpy":
+        controller = numpy_controller(own)
+        _, stop = run(controller, times, states)
+        found = controller.guard.fault.reason, controller.guard.fault.joint
+    else:
+        _, reasons, fault, _ = compiled.watch(compiled.compile_header(tmp_path, c_header(own)), times, states)
+        stop, found = int(reasons.argmax()), (reasons[-1], fault[0])
+    assert found == (Reason.DEAD, 1)
+    assert stop == pytest.approx(151, abs=1)
 
 
 def test_the_torque_changes_no_faster_than_allowed_and_must_be_finite():

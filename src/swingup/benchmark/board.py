@@ -7,6 +7,7 @@ from statistics import fmean
 from typing import Any, ClassVar
 
 from ..common import __version__
+from ..controllers.check import CallTime
 from ..loop.domain import Domain
 from ..plant.plant import Plant, Robot
 from .disturbances import DisturbanceSettings
@@ -208,7 +209,7 @@ class Result:
     """What plants and loops were drawn from, if anything."""
     estimator: bool | None = None
     """Whether a state estimator stood before the controller; None for a recording."""
-    call_time: float | None = None
+    call_time: CallTime | None = None
     """Wall time of one call of the controller on this machine (s); None where it was not measured."""
     rate: float | None = None
     """Rows a second of a recording, from the median period (Hz)."""
@@ -277,7 +278,7 @@ class Result:
             "success_interval": self.success_interval,
             **self.values,
             "intervals": self.intervals,
-            "call_time": self.call_time,
+            "call_time": self.call_time and self.call_time._asdict(),
             **({} if self.rate is None else {"rate": self.rate}),
             "warnings": list(self.warnings),
             **note,

@@ -79,7 +79,8 @@ def judge(
             cases = board.cases(setting, group)
         before, total = len(runs), max(len(every), len(cases))
         if took is not None and not runs:
-            announce(took * board.steps * total / cores(), took, total, bound="up to ")
+            seconds = took.median * board.steps * total / cores()
+            announce(seconds, took.median, total, bound="up to ")
 
         def report_progress(done: int, _: int, before: int = before, total: int = total) -> None:
             if progress is not None:
@@ -193,10 +194,13 @@ def make_setting(
         if domain is not None:
             given = domain.name if isinstance(domain, Domain) else domain
             raise SwingupError(f"the board {board.name} draws no plants: leave the domain {quoted(given)} out")
-        return Setting(robot, resolve(LEADERBOARD if plant is None else plant).facts, None, disturbance)
+        facts = resolve(LEADERBOARD if plant is None else plant).facts
+        facts.needs_motor(robot)
+        return Setting(robot, facts, None, disturbance)
     if isinstance(board, UptimeBoard) and plant is not None:
         raise SwingupError(f"the board {board.name} draws plants from a domain: give the plant as the domain")
     ranges = resolve(plant, board.domain if domain is None else domain)
+    ranges.high.plant.needs_motor(robot)
     return Setting(robot, ranges.design, ranges)
 
 

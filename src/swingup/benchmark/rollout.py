@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..common.types import Count, Flag, Scalar, State, Torque
+from ..controllers.check import CallTime
 from ..controllers.interface import AbstractController
 from ..dynamics.integrate import rk4_steps
 from ..loop.disturbance import (
@@ -76,6 +77,8 @@ class Scenario(eqx.Module):
     """None is a perfect loop, and faster than a disturbance that changes nothing."""
     supervisor: AbstractSupervisor[Any] | None = None
     """What stands beside the controller: it stops the run, throws the pendulum or pushes it."""
+    start: State | None = None
+    """The first state; None is hanging at rest."""
     substeps: int = eqx.field(static=True, default=1)
     """Steps of RK4 in a step of the loop: ``stable_substeps`` of the plant. The boards' plants have 1."""
 
@@ -102,7 +105,12 @@ class SimulatedBatch:
     final: np.ndarray  # States after the last step, shape (n, 4)
     faults: list[str | None]  # What was wrong with each controller's answers, if anything
     trajectory: Trajectory | None  # With a leading axis; None if it was not to be kept
-    call_time: float | None = None  # Median wall time of the first calls of a controller in plain Python (s)
+    call_time: CallTime | None = None  # Of the first calls of a controller in plain Python
+
+
+def initial_state(scenario: Scenario) -> State:
+    """Where a simulation begins."""
+    return jnp.zeros(4) if scenario.start is None else scenario.start
 
 
 def initial_loop(scenario: Scenario, x0: State, depth: int = 1, dt: float = LOOP_DT) -> LoopState:

@@ -10,14 +10,13 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ..common import cores
 from ..common.errors import SwingupError, errors_named_after, naming
 from ..common.types import Count, State
 from ..controllers.baselines.upright import AbstractExpensiveController
-from ..controllers.check import announce
+from ..controllers.check import announce, spread
 from ..controllers.interface import (
     AbstractController,
     PythonController,
@@ -39,6 +38,7 @@ from .rollout import (
     Trajectory,
     apply_torque,
     initial_loop,
+    initial_state,
     measure,
     record,
     simulate,
@@ -81,7 +81,8 @@ def _simulate(scenarios: Scenario, arrays: Any, static: Any, span: _Span) -> _Re
 
     def one(scenario: Scenario) -> _Result:
         # Rows that are not kept must not leave the scan: those of a whole grid take 200 MB.
-        final, fault, rows = simulate(scenario, controller, jnp.zeros(4), span.dt, span.steps, span.depth)
+        length = span.dt, span.steps, span.depth
+        final, fault, rows = simulate(scenario, controller, initial_state(scenario), *length)
         return final, fault, rows if span.keep else None
 
     if _length(scenarios) > 1:
@@ -227,7 +228,7 @@ def _simulate_plain(
             faults[index] = str(error)
     scenarios = jax.device_put(scenarios)  # once, not at each step
     # A batch even for one simulation: the compiled half steps have a leading axis.
-    loop = jax.vmap(lambda each: initial_loop(each, jnp.zeros(4), depth, dt))(scenarios)
+    loop = jax.vmap(lambda each: initial_loop(each, initial_state(each), depth, dt))(scenarios)
     # A loop with a clock of its own overwrites its times.
     time = np.tile(np.arange(steps) * dt, (number, 1))
     kept = steps if keep else 0
@@ -268,4 +269,4 @@ def _simulate_plain(
             u[:, step] = loop.u
     kept_record = None if scenarios.supervisor is None else written
     rows = Trajectory(time=time, x=x, u=u, record=kept_record) if keep else None
-    return SimulatedBatch(np.asarray(loop.x), faults, rows, median(took) if took else None)
+    return SimulatedBatch(np.asarray(loop.x), faults, rows, spread(took) if took else None)

@@ -10,22 +10,27 @@ from statistics import fmean
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
+from ..common.errors import SwingupError
 from ..dynamics.integrate import stable_substeps
 from ..loop.disturbance import Pushes, disturbance_as_dict
 from ..loop.draw import draw
 from ..loop.supervisors import Limits, Stop
 from ..plant.plant import Robot
 from ..plant.units import scaled, scales_of
+from ..plant.upright import upright_needs
 from .board import AbstractBoard, Case, Criteria, Run, Setting, Summary, TipHistory, summed_scores
 from .disturbances import PushRules, draw_pushes
 from .rollout import Scenario, Trajectory
 from .values import PERFORMANCE
 
+LEAN_SEED = 2026  # The leans are the same for every controller
 PUSH_SEED = 2024  # The pushes are the same for every controller and every seed of the plants
 
 # The benchmark's own limit: a file whose last time is below it fails.
+CAUGHT = 0.5  # A tip that is up for less (s) only passes the top
 MIN_SPAN = 0.99  # Part of the rules' duration that a run must span to score
 
 
@@ -55,6 +60,9 @@ class SwingUpBoard(AbstractBoard):
     """Whether the robot stops beyond the limits and its record is scored; else the true states are."""
     hold: float | None = None
     """Success: the tip is up in this last part of the run (s); None for being up at the end."""
+    lean: float | None = None
+    """Runs begin upright at rest, stretched, with a lean of up to this share of what the motor catches; None for
+    hanging."""
     pushes: Mapping[str, PushRules] = field(default_factory=dict)
     """Pushes on both joints by the robot's name, with as many profiles as trials; none for calm runs."""
 
@@ -64,8 +72,8 @@ class SwingUpBoard(AbstractBoard):
         return PERFORMANCE if self.domain is None else ("swingups", "best", "score")
 
     def is_random(self, setting: Setting) -> bool:
-        """A perfect loop has nothing random."""
-        return setting.domain is not None or setting.disturbance is not None
+        """A perfect loop has nothing random but a lean."""
+        return self.lean is not None or setting.domain is not None or setting.disturbance is not None
 
     def on(self, setting: Setting) -> "SwingUpBoard":
         """The board with the robot's normalisers, and limits and pushes in the pendulum's own units."""
@@ -79,10 +87,25 @@ class SwingUpBoard(AbstractBoard):
 
     def cases(self, setting: Setting, seeds: Sequence[int]) -> list[Case]:
         """One swing-up a seed."""
+        if self.lean is not None:
+            return [self._leaning(case, setting, self.lean) for case in self._hanging(setting, seeds)]
+        return self._hanging(setting, seeds)
+
+    def _leaning(self, case: Case, setting: Setting, share: float) -> Case:
+        """The case with a start near upright, by its seed."""
+        needs = upright_needs(setting.nominal, setting.robot)
+        if needs is None:
+            raise SwingupError(f"gravity does not pull both links down: the board {self.name} has no upright")
+        seed = case.settings["seed"]
+        lean = share * needs.tilt * np.random.default_rng([LEAN_SEED, seed]).uniform(-1.0, 1.0)
+        scenario = replace(case.scenario, start=jnp.array([np.pi + lean, 0.0, 0.0, 0.0]))
+        return replace(case, scenario=scenario, settings={**case.settings, "lean": lean})
+
+    def _hanging(self, setting: Setting, seeds: Sequence[int]) -> list[Case]:
         if setting.domain is None:
             calm = Scenario(setting.nominal, substeps=stable_substeps(setting.nominal, self.dt))
             if setting.disturbance is None:
-                return [Case(calm)]
+                return [Case(calm, {"seed": seed}) for seed in seeds] if self.lean else [Case(calm)]
             drawn = [(seed, setting.disturbance.draw(self.dt, self.duration, seed)) for seed in seeds]
             return [
                 Case(replace(calm, disturbance=each), {"seed": seed, "disturbance": disturbance_as_dict(each)})
@@ -167,8 +190,19 @@ def follow_tip(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: Swi
         cause = "never up"
         failure = f"never up: the tip reached {highest:.3f} m and must pass {rules.height * reach:g} m"
     elif not up[-1]:
-        last, cause = int(np.flatnonzero(up)[-1]), "fell"
-        failure = f"up at t = {times[int(up.argmax())]:.3f} s, fell at t = {times[last + 1]:.3f} s"
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], up])))
+        stretches = np.diff(times[edges])[::2]
+        longest, last = int(stretches.argmax()), int(np.flatnonzero(up)[-1])
+        begun, ended = times[edges[2 * longest]], times[edges[2 * longest + 1]]
+        cause, failure = "fell", f"up at t = {begun:.3f} s, fell at t = {ended:.3f} s"
+        # What was never caught did not fall.
+        if stretches[longest] < CAUGHT:
+            cause = "never up"
+            failure = (
+                f"never held: the tip passes the top {len(stretches)} times, for {stretches[longest]:.2f} s at most"
+            )
+        elif times[last + 1] > ended:
+            failure += f", last up at t = {times[last]:.3f} s"
     # Both the benchmark's limit on the last time and ours on the span.
     elif min(time[-1], time[-1] - time[0]) < MIN_SPAN * rules.duration:
         failure = f"it spans {time[-1] - time[0]:g} s, below {MIN_SPAN:.0%} of {rules.duration:g} s"

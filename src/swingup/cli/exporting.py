@@ -19,6 +19,7 @@ from ..controllers.baselines.baselines import (
     design_of,
     feedback_policy,
     in_real_units,
+    reaches_upright,
     shipped_reference,
 )
 from ..controllers.swingups.reference import save_reference, save_reference_csv
@@ -172,6 +173,11 @@ def _export_trajectory(name: str, robot: Robot | None, out: str, plant: PlantOpt
     else:
         seed = DESIGN_SEED if seed is None else seed
         reference, provenance = design.compute(problem, seed)
+        if not reaches_upright(reference, design.model):
+            raise SwingupError(
+                f"no swing-up of the {robot.name} was found with seed {seed}: use another --seed, or a stronger "
+                "motor"
+            )
         reference = reference if design.shipped else in_real_units(reference, design.scales)
         command = command_line("export", name, robot=robot.name, to=TRAJECTORY, **plant, seed=seed, out=out)
         provenance |= {"plant": write_plant(on.driven(robot)), "command": command}

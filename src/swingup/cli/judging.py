@@ -17,7 +17,7 @@ from ..benchmark.recording import load_trajectory, save_trajectory
 from ..benchmark.robustness_board import RobustnessBoard, change_grid
 from ..common.errors import SwingupError, command_line
 from ..common.files import check_writable, write_atomically
-from ..controllers.check import call_time, check_controller, slow_call
+from ..controllers.check import call_time, call_words, check_controller, slow_call, upright_law
 from ..controllers.registry import BUILT_IN, controller_on, get_controller
 from ..loop.loop import LOOP_DT
 from ..plant.plant import LEADERBOARD, ROBOTS, Plant, Robot, get_robot
@@ -94,8 +94,8 @@ def evaluate_command(
         task: episodes in an environment of Gymnasium.
         board: performance (one swing-up; hardware and hardware-perturbed have the real robot's normalisers),
             robustness (722 simulations), uptime (a minute with 15 throws), sim2real (100 swing-ups in a loop
-            like the robot's), iros-real, v2-real and icra-real (the real robots' boards, simulated) or
-            cloudpendulum.
+            like the robot's), iros-real, v2-real and icra-real (the real robots' boards, simulated),
+            cloudpendulum, or balance (20 starts near the top).
         check: only try the controller on a few dozen states, and name its faults; the exit status is 1 if there is
             one.
         estimator: whether a state estimator stands before the controller.
@@ -163,8 +163,12 @@ def _check(name: str, robot: Robot, estimator: bool | None, plant: Plant) -> int
     with foreign_prints_apart():
         found = get_controller(name, robot, estimator, design=plant)
         findings = check_controller(found, robot, float(plant.limit(robot.joint)))
-        slow = None if findings else slow_call(call_time(found, LOOP_DT), LOOP_DT)
-    lines = [*(findings or ["nothing wrong was found"]), *([] if slow is None else [f"warning: {slow}"])]
+        notes: list[str] = []
+        if not findings:
+            findings, notes = upright_law(found, robot, plant)
+            if (took := call_time(found, LOOP_DT)) is not None:
+                notes.append(f"warning: {slow}" if (slow := slow_call(took, LOOP_DT)) else call_words(took))
+    lines = [*(findings or ["nothing wrong was found"]), *notes]
     tell(*(f"{judged_name(name, found)}: {each}" for each in lines))
     return 1 if findings else 0
 

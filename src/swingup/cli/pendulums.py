@@ -2,16 +2,19 @@
 
 import itertools
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated
 
 from tyro.conf import UseAppendAction, arg
 
 from ..benchmark.diagnosis import diagnose
+from ..benchmark.excitation_rehearsal import rehearse_identification
 from ..benchmark.log_comparison import compare
+from ..common.checks import positive_number
 from ..common.errors import SwingupError, one_line, quoted
 from ..common.files import check_writable
+from ..controllers.swingups.least_torque import least_torque
 from ..identification.excitation import excite
 from ..identification.identify import identify
 from ..loop.resolve import resolve
@@ -55,6 +58,7 @@ def plant_command(
     set: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME=VALUE...")] = (),
     inertia: Annotated[str | None, word_of("inertia", *READINGS)] = None,
     out: PlantOutputs = (),
+    within: float | None = None,
     json: bool = False,
 ) -> None:
     """Read a plant from a URDF, an MJCF or measured values, show it, and write it as YAML, URDF or MJCF.
@@ -70,27 +74,49 @@ def plant_command(
         inertia: what the inertias of a URDF or an MJCF are about: the centre of mass, or the joint, as in
             RealAIGym's files.
         out: files to write, .yml, .urdf or .xml.
+        within: also search the least torque with which each robot's motor swings up within this time (s); takes a
+            minute for each.
         json: print one JSON object.
     """
     check_outputs(PLANT_FORMATS, *out)
+    if within is not None:
+        positive_number("within", within, 60.0, "s")
     found = measured_plant(source, named_values("--set", itertools.chain(*set), "m1=0.5"), inertia)
     plant = found.plant
     for each in sorted(out, key=is_model_file, reverse=True):  # which may not hold every plant
         save_plant(each, plant, ["SI units, inertias about the joints.", *found.notes])
+    driven = {name: robot for name, robot in ROBOTS.items() if plant.limit(robot.joint) > 0}
+    least = {} if within is None else {name: least_torque(plant, robot, within) for name, robot in driven.items()}
     if json:
-        tell_json({"plant": plant.name, **plant.values(), "notes": found.notes})
+        searched = {} if within is None else {"least_torque": {"within": within, **least}}
+        tell_json({"plant": plant.name, **plant.values(), "notes": found.notes, **searched})
         return
     numbers = {name: [f"{getattr(plant, f'{name}{link}'):.4g}" for link in (1, 2)] for name in ROWS}
     rows = [[text, f"{name}1, {name}2", *numbers[name]] for name, text in ROWS.items()]
     tell_table(["", "names", "link 1", "link 2"], rows, texts=2, title=str(plant))
     ratios = ", ".join(f"{name} {torque_over_gravity(plant.driven(robot)):.3g}" for name, robot in ROBOTS.items())
-    needs = {name: upright_needs(plant, robot) for name, robot in ROBOTS.items() if plant.limit(robot.joint) > 0}
+    needs = {name: upright_needs(plant, robot) for name, robot in driven.items()}
     tell(
         f"rotors Ir = {plant.Ir:.4g} kg m², gear ratio gr = {plant.gr:.4g}, gravity g = {plant.g:.4g} m/s²",
         f"torque over gravity: {ratios}",
         *found.notes,
         *(_upright_line(name, need) for name, need in needs.items() if need is not None),
+        *(
+            _torque_line(name, torque, float(plant.limit(driven[name].joint)), within)
+            for name, torque in least.items()
+        ),
         *(f"wrote {each}: use it with --plant {each}" for each in out),
+    )
+
+
+def _torque_line(robot: str, least: float | None, motor: float, within: float | None) -> str:
+    """Whether the motor is strong enough."""
+    if least is None:
+        return f"swing-up as {robot} within {within:g} s: no torque was found that does it: allow more time"
+    verdict = f"the motor's {motor:.3g} N m is {motor / least:.2g} times that"
+    return (
+        f"swing-up as {robot} within {within:g} s: {least:.3g} N m are enough; {verdict}"
+        f"{'' if motor >= least else ': it is too weak'}"
     )
 
 
@@ -166,7 +192,7 @@ def excite_command(
         "  largest torque " + ", ".join(f"{u:.3g} of {limit:.3g} N m" for u, limit in torques),
         f"  largest speed {found.speed:.3g} of {found.limits.speed:.3g} rad/s, "
         f"angle {found.angle:.3g} of {found.limits.angle:.3g} rad",
-        f"wrote {out}",
+        f"wrote {out}; would its log tell the parameters? swingup identify --rehearse {plant or 'C.1'} {out}",
     )
 
 
@@ -182,8 +208,9 @@ def identify_command(
     force: bool = False,
     seed: int = 0,
     page: Annotated[str | None, arg(metavar="FILE.html")] = None,
+    rehearse: Annotated[str | None, arg(metavar="PLANT")] = None,
     json: bool = False,
-) -> None:
+) -> int:
     """Fit a pendulum's parameters and its loop to logs; takes a minute or less for five logs of 10 s.
 
     Errors are those of held-out motion: the test logs, or without them a part of the logs.
@@ -200,10 +227,14 @@ def identify_command(
         force: take logs as they are that look wrong.
         seed: seed of the intervals' bootstrap.
         page: page (.html) or figure (.png, .svg, .pdf): windows, residuals, friction curves and held-out errors.
+        rehearse: the log is a file of swingup excite: play it on a specimen of this plant, in its loop, and say
+            what the run's log would tell. Of the other options seed and json count.
         json: print one JSON object.
     """
     if not logs:
         raise SwingupError("swingup identify needs LOG...: see swingup identify --help")
+    if rehearse is not None:
+        return _rehearse(rehearse, logs, seed, json)
     check_outputs(PLANT_FORMATS, *out)
     check_outputs(PAGE_FORMATS, page)
     begun, log = time.monotonic(), Progress().log
@@ -224,6 +255,34 @@ def identify_command(
         if not json:
             command = f"swingup evaluate ROBOT --board sim2real --domain {domain}"
             tell("", f"wrote {', '.join(out)} and {domain}: try a controller with {command}")
+    return 0
+
+
+def _rehearse(plant: str, files: Sequence[str], seed: int, json: bool) -> int:
+    """Say what the log of an excitation would tell of a plant; the exit status is 1 where it would not tell all."""
+    if len(files) != 1:
+        raise SwingupError("--rehearse plays one excitation: name one file of swingup excite")
+    with foreign_prints_apart():
+        found = rehearse_identification(plant, files[0], seed=seed)
+    if json:
+        tell_json([{**vars(each), "passes": each.passes} for each in found])
+    else:
+        rows = [
+            [
+                each.name,
+                f"{each.truth:.4g}",
+                f"{each.value:.4g}",
+                "{:.4g} to {:.4g}".format(*each.interval),
+                "pass" if each.passes else "fail",
+            ]
+            for each in found
+        ]
+        tell_table(["", "truth", "found", "95 % interval", ""], rows, title=f"a specimen of {plant}")
+        if failed := [each.name for each in found if not each.passes]:
+            tell(
+                f"its log would not tell {', '.join(failed)}: a longer or stronger excitation, or another log, may"
+            )
+    return int(not all(each.passes for each in found))
 
 
 def compare_command(

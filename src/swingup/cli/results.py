@@ -117,7 +117,11 @@ def _runs(result: Result) -> Iterator[tuple[str, str, str]]:
     if result.faults:
         yield "Without an answer", f"{len(result.faults)} of {len(runs)}", f"the first: {result.faults[0].fault}"
     if result.call_time is not None:
-        yield "One call [ms]", f"{1000 * result.call_time:.3g}", "on this machine"
+        took, longest = result.call_time, result.call_time.longest
+        more = (
+            "" if longest == took.median else f"; 99 % {1000 * took.percentile:.3g}, longest {1000 * longest:.3g}"
+        )
+        yield "One call [ms]", f"{1000 * took.median:.3g}", f"on this machine{more}"
     if result.rate is not None:
         yield "Rate of the log [Hz]", f"{result.rate:.4g}", ""
 

@@ -7,6 +7,7 @@ one it is SI's. A torque may be the number 0, and the time a period, as in time=
 import contextlib
 import math
 import re
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -141,8 +142,8 @@ _KINDS = {
     "q": r"pos|ang|theta|phi|winkel|^q|^th|enc|gelenk|joint",
 }
 """Words in the titles that people give, tried in order."""
-_WANTED = re.compile(r"des|ref|goal|soll|target|filt")
-"""A title with one of these comes after others like it: it was not measured."""
+_WANTED = re.compile(r"des|ref|goal|soll|target|filt|motor_?side")
+"""A title with one of these comes after others like it: it was not measured, or not at the joint."""
 _GOAL = r"goal|target|setpoint|soll|des|ref"
 _STAMP = (r"(^|[^no])secs?$", r"n(ano)?secs?$")
 """Ends of ROS's titles for the seconds and nanoseconds of a time."""
@@ -186,6 +187,12 @@ def suggest_columns(
                 atom = Call("atan2", tuple(Expression(((1, each),)) for each in (title, cosines[title])))
             likely.setdefault(name, MappedColumn(Expression(((1, atom),)), _unit_at_end(name, title)))
     return [likely[name].word(name) for name in names if name in likely]
+
+
+def completed(words: Sequence[str], given: Sequence[str]) -> str:
+    """Words of --columns as a user types them: those given before, but for the names that are mapped anew."""
+    names = {word.partition("=")[0] for word in words}
+    return shlex.join([*(word for word in given if "=" in word and word.partition("=")[0] not in names), *words])
 
 
 def lone_torque(titles: Sequence[str]) -> str | None:

@@ -9,7 +9,6 @@ import csv
 import itertools
 import math
 import re
-import shlex
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +22,17 @@ from jaxtyping import Float
 from .array_files import ARRAY_FILES, read_arrays
 from .bag_files import is_bag, read_bag
 from .checks import LARGEST_NUMBER
-from .columns import SHORT, SHORT_NAMES, UNITS, MappedColumn, is_unit, parse_columns, suggest_columns, unit_size
+from .columns import (
+    SHORT,
+    SHORT_NAMES,
+    UNITS,
+    MappedColumn,
+    completed,
+    is_unit,
+    parse_columns,
+    suggest_columns,
+    unit_size,
+)
 from .errors import SwingupError, quoted
 from .expressions import Expression
 from .files import read_bytes, write_atomically
@@ -95,7 +104,7 @@ def read_table(
             f"{path}: --columns maps {quoted(unknown[0])}, which nobody reads: the names are {shown}"
         )
     sources = _find_sources(titles, groups, mapped)
-    chosen = _choose(path, cells, titles, sources, groups, optional)
+    chosen = _choose(path, cells, titles, sources, groups, optional, columns)
     _check_read(path, mapped, chosen, groups)
     sources = {name: _with_unit(path, name, sources[name], cells) for name in chosen}
     used = {cells.place(title) for column in sources.values() for title in column.expression.titles}
@@ -220,6 +229,7 @@ def _choose(
     sources: Mapping[str, MappedColumn],
     groups: Sequence[Sequence[Names]],
     optional: Names,
+    given: Sequence[str],
 ) -> list[str]:
     """The names that are read; where no choice is complete, the error names the nearest one's columns."""
     best = [min(group, key=lambda names: len(set(names) - set(sources))) for group in groups]
@@ -235,7 +245,7 @@ def _choose(
     # Where a column is not there at all, those of the others do not help.
     labels = _labels(cells)
     found = len(suggest_columns(free, wanted, labels)) == len(wanted)
-    words = shlex.join(suggest_columns(free, wanted + absent, labels) if found else ())
+    words = completed(suggest_columns(free, wanted + absent, labels), given) if found else ""
     remedy = (
         f"write --columns {words}, if these are theirs"
         if words

@@ -4,8 +4,8 @@ import contextlib
 import inspect
 import logging
 import time
-from statistics import median
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,7 +14,9 @@ import numpy as np
 
 from ..common.checks import finite_number
 from ..common.errors import SwingupError, attribute, duration, errors_named_after
-from ..plant.plant import TORQUE_LIMIT, Robot, get_robot
+from ..dynamics.dynamics import UPRIGHT
+from ..plant.plant import TORQUE_LIMIT, Plant, Robot, get_robot
+from .baselines.upright import linearised
 from .interface import (
     TRIAL_DT,
     AbstractController,
@@ -23,9 +25,12 @@ from .interface import (
     check_interface,
     check_robot,
     checked_torques,
+    innermost,
     split,
     trial_states,
 )
+from .stack.policy import PolicyController
+from .swingups.design import design_model
 
 TIMED_CALLS = 100  # Calls that are timed
 MAX_TIMED_SECONDS = 0.5  # No more calls in plain Python are timed after this (s)
@@ -34,8 +39,22 @@ ANNOUNCED_TIME = 120.0  # Simulations that take longer than this are announced (
 _LOGGER = logging.getLogger(__name__)
 
 
-def call_time(controller: AbstractController[Any] | PythonController, dt: float) -> float | None:
-    """Wall time of a call (s) in a loop of period dt (s), on a pendulum that swings; None where calls fail.
+class CallTime(NamedTuple):
+    """Wall times of calls (s)."""
+
+    median: float
+    percentile: float  # 99 % of the calls take no longer
+    longest: float
+
+
+def spread(seconds: Sequence[float]) -> CallTime:
+    """What single calls took; at least one."""
+    median, percentile = np.percentile(seconds, [50, 99]).tolist()
+    return CallTime(median, percentile, max(seconds))
+
+
+def call_time(controller: AbstractController[Any] | PythonController, dt: float) -> CallTime | None:
+    """Wall times of calls in a loop of period dt (s), on a pendulum that swings; None where calls fail.
 
     Calls in JAX are compiled, one after another as on a robot.
     """
@@ -52,11 +71,11 @@ def call_time(controller: AbstractController[Any] | PythonController, dt: float)
             start = time.perf_counter()
             jax.block_until_ready(run_calls(*inputs))
             took.append(time.perf_counter() - start)
-    # The minimum: other work of the machine only adds time.
-    return min(took) / TIMED_CALLS
+    # The minimum: other work of the machine only adds time. All calls do the same.
+    return spread([min(took) / TIMED_CALLS])
 
 
-def _python_call_time(controller: PythonController, times: np.ndarray, states: np.ndarray) -> float | None:
+def _python_call_time(controller: PythonController, times: np.ndarray, states: np.ndarray) -> CallTime | None:
     took: list[float] = []
     try:
         call = controller.start()
@@ -68,7 +87,7 @@ def _python_call_time(controller: PythonController, times: np.ndarray, states: n
                 break
     except SwingupError:
         return None
-    return median(took)
+    return spread(took)
 
 
 @jax.jit(static_argnames="static")
@@ -82,14 +101,22 @@ def run_calls(numbers: Any, static: Any, times: jax.Array, states: jax.Array) ->
     return jax.lax.scan(call, controller.init(), (times, states))[1]
 
 
-def slow_call(took: float | None, dt: float) -> str | None:
-    """A warning if one call takes longer (s) than the loop's period dt (s), else None."""
-    if took is None or took <= dt:
+def slow_call(took: CallTime | None, dt: float) -> str | None:
+    """A warning if over one call in a hundred takes longer than the loop's period dt (s), else None."""
+    if took is None or took.percentile <= dt:
         return None
     return (
-        f"one call takes {1000 * took:.3g} ms on this machine, and the loop has {1000 * dt:g} ms: "
+        f"{call_words(took)} on this machine, and the loop has {1000 * dt:g} ms: "
         "on a robot its torques would come too late"
     )
+
+
+def call_words(took: CallTime) -> str:
+    """How long a call takes, in words."""
+    words = f"one call takes {1000 * took.median:.3g} ms"
+    if took.longest == took.median:
+        return words
+    return f"{words} (median; 99 % {1000 * took.percentile:.3g}, longest {1000 * took.longest:.3g} ms)"
 
 
 def announce(seconds: float, took: float, simulations: int, bound: str = "about ") -> None:
@@ -224,3 +251,67 @@ def _try_plain(controller: PythonController) -> tuple[list[str], np.ndarray]:
     if not np.array_equal(x, states[-1]):
         findings.append("it changes the measurement that it is given: copy x before altering it")
     return findings, first
+
+
+SMALL_TURN = 1e-4  # Step of the differences that give a controller's gains (rad, rad/s)
+OTHER_ZEROS = {"horizontal": 0.5 * np.pi, "upright": 0.0}
+"""Angles of the shoulder that are upright where another convention counts from there (rad)."""
+
+
+def upright_law(source: Any, robot: Robot, plant: Plant) -> tuple[list[str], list[str]]:
+    """What is wrong with a controller's linear law at the top of a plant, and its gains and poles in words.
+
+    The gains K of u = -K e are differences of the torques of first calls. The plant is linear without Coulomb
+    friction. A law that does not hold is a finding where its other sign, or another zero of the shoulder, would.
+    """
+    controller = source if isinstance(source, AbstractController | PythonController) else PythonController(source)
+    if isinstance(controller, AbstractController) and isinstance(innermost(controller), PolicyController):
+        return [], []
+    joint, model = robot.joint, design_model(plant, robot)
+    A, B, _ = (each[0] for each in linearised(model, robot, UPRIGHT[None], np.zeros(1)))
+
+    def law(shoulder: float) -> tuple[float, np.ndarray]:
+        """The torque (N m) and the gains about an upright that stands at this angle."""
+        steps = SMALL_TURN * np.concatenate([np.zeros((1, 4)), np.eye(4), -np.eye(4)])
+        torques = _first_torques(controller, steps + np.array([shoulder, 0.0, 0.0, 0.0]))[:, joint]
+        return float(torques[0]), (torques[5:] - torques[1:5]) / (2 * SMALL_TURN)
+
+    def growth(gains: np.ndarray) -> float:
+        return float(np.linalg.eigvals(A - np.outer(B, gains)).real.max())
+
+    torque, gains = law(np.pi)
+    if gains.any():
+        poles = np.sort_complex(np.linalg.eigvals(A - np.outer(B, gains)))
+        shown = ", ".join(
+            f"{pole.real:.3g}{f'{pole.imag:+.3g}i' if abs(pole.imag) > 1e-9 else ''}" for pole in poles
+        )
+        lines = [f"at the top u = -K e with K = {np.round(gains, 3).tolist()}; poles {shown} 1/s"]
+    else:
+        lines = [f"at the top its torque is {torque:.3g} N m and has no gains"]
+    if gains.any() and growth(gains) < 0 and abs(torque) <= 0.01 * plant.limit(joint):
+        return [], lines
+    if gains.any() and growth(-gains) < 0:
+        return [
+            f"its torque at the top has the wrong sign: u = -K e holds with {np.round(-gains, 3).tolist()}"
+        ], lines
+    for where, zero in OTHER_ZEROS.items():
+        torque, gains = law(zero)
+        if abs(torque) > 0.01 * plant.limit(joint) or not gains.any():
+            continue
+        sign = next((sign for sign in (1.0, -1.0) if growth(sign * gains) < 0), None)
+        if sign is not None:
+            also = " and change its torque's sign" if sign < 0 else ""
+            return [
+                f"it takes q1 = {zero:.4g} for upright, counted from {where}; here q1 = 0 hangs: give it "
+                f"q1 - {np.pi - zero:.4g}{also}"
+            ], lines
+    return [], lines
+
+
+def _first_torques(controller: AbstractController[Any] | PythonController, states: np.ndarray) -> np.ndarray:
+    """The torques (n, 2) of a first call in each of the states (n, 4)."""
+    if isinstance(controller, PythonController):
+        return np.array([checked_torques(controller.start(), x, 0.0) for x in states])
+    with jax.enable_x64(True):
+        first = eqx.filter_jit(lambda x: controller(controller.init(), jnp.zeros(()), x)[1])
+        return np.array([first(jnp.asarray(x)) for x in states])

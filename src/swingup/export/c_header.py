@@ -19,7 +19,10 @@ from ..policy import estimator, identifier, regulator, wiring
 from ..policy.estimator import EstimatorConstants, estimator_constants
 from ..policy.feedback import FeedbackPolicy
 from ..policy.guard import (
+    DEAD_TRAVEL,
+    JUMP_RATIO,
     MAX_BRAKED_RATIO,
+    MAX_JUMP,
     MAX_STANDSTILLS,
     PUSHING_SHARE,
     REASON_TEXTS,
@@ -269,6 +272,9 @@ def guard_data(settings: GuardSettings, policy: PendulumPolicy | FeedbackPolicy)
         "GUARD_TORQUE_RATE": settings.rate(policy.torque_limits[policy.robot.joint]),
         "MAX_STANDSTILLS": MAX_STANDSTILLS,
         "PUSHING_SHARE": PUSHING_SHARE,
+        "MAX_JUMP": MAX_JUMP,
+        "JUMP_RATE": JUMP_RATIO * settings.velocity_limit,
+        "DEAD_TRAVEL": DEAD_TRAVEL,
         "BRAKED_RATE": MAX_BRAKED_RATIO * settings.velocity_limit,
         **_watch_data(policy),
     }

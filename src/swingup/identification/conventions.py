@@ -8,15 +8,14 @@ likelier under the right map. Conventions come in pairs, so pairs are tried as w
 import functools
 import itertools
 import math
-import shlex
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from ..common.columns import DEGREE, NEEDS_CONSTANT, TURN, UNITS, MappedColumn, unit_of, unit_size
+from ..common.columns import DEGREE, NEEDS_CONSTANT, TURN, UNITS, MappedColumn, completed, unit_of, unit_size
 from ..common.errors import SwingupError
 from ..common.expressions import Expression
 from .log_checks import slopes_of
@@ -114,9 +113,10 @@ class Finding:
 
     text: str
     remedy: tuple[str, ...] = ()  # words of ``--columns``
+    given: tuple[str, ...] = ()  # those with which the log was read
 
     def __str__(self) -> str:
-        words = shlex.join(self.remedy)
+        words = completed(self.remedy, self.given) if self.remedy else ""
         return f"{self.text}; {f'if so, read it with --columns {words}' if words else 'correct the columns'}"
 
 
@@ -127,6 +127,7 @@ def check_columns(
     found = find_columns(recording, setting, start)
     if found is None:
         return ()
+    found = replace(found, given=recording.columns)
     if force:
         return (f"{recording.name}: {found}; taken as it is",)
     raise SwingupError(f"{recording.name}: {found}, or take it as it is with --force")

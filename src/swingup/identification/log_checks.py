@@ -5,11 +5,12 @@ that are not in seconds are refused; motors that saturate and gaps are warnings.
 """
 
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..common.columns import UNITS
+from ..common.columns import UNITS, completed
 from ..common.errors import SwingupError
 from ..common.table import spread_evenly
 
@@ -139,10 +140,10 @@ GAP, GAP_PERIODS = 0.06, 20.0
 SLOPE_WINDOW = 0.02  # time over which angles give velocities (s)
 
 
-def check_time(name: str, time: Float[np.ndarray, "rows"], title: str) -> None:
+def check_time(name: str, time: Float[np.ndarray, "rows"], title: str, columns: Sequence[str] = ()) -> None:
     """Refuse a time that is not in seconds, and a log that is too short or too slow.
 
-    The title is the word of ``--columns`` for the time, without a unit.
+    The title is the word of ``--columns`` for the time, without a unit; ``columns`` are the words given.
     """
     period = float(np.median(np.diff(time)))
     # A time in other units shows as a period that no loop has.
@@ -151,7 +152,7 @@ def check_time(name: str, time: Float[np.ndarray, "rows"], title: str) -> None:
     if period > MAXIMUM_PERIOD and unit != "s":
         raise SwingupError(
             f"{name}: rows are {period:g} s apart (median): the time looks like {unit}; read it with "
-            f"--columns {title}:{unit}"
+            f"--columns {completed([f'{title}:{unit}'], columns)}"
         )
     if period > MAXIMUM_PERIOD:
         raise SwingupError(

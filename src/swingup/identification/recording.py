@@ -5,7 +5,6 @@ missing. A log that no fit can use is refused here; faults that a fit can bear a
 """
 
 import contextlib
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..common.columns import MappedColumn, find_goals, lone_torque, suggest_columns
+from ..common.columns import MappedColumn, completed, find_goals, lone_torque, suggest_columns
 from ..common.errors import SwingupError
 from ..common.table import Table, read_table
 from .log_checks import (
@@ -80,6 +79,8 @@ class Recording:
     """Names of the columns of both joints that were read."""
     goals: "Recording | None" = None
     """Of a log with servos' goals in the place of torques, the same with goals minus angles (rad) as torques."""
+    columns: tuple[str, ...] = ()
+    """The words of --columns with which it was read."""
     turn: float | None = None
     """Where the angles wrap, in their unit: 2π, 360, an encoder's counts; None if they do not."""
 
@@ -117,9 +118,9 @@ def read_recording(path: str | Path, columns: Sequence[str] = (), force: bool = 
     has_torques = any(names in pairs for names in _COMMANDS if names)
     goals = None if has_torques else _with_goals(path, table, columns)
     if not (has_torques or goals or force):
-        _check_torques(name, table)
+        _check_torques(name, table, columns)
     rows, time, notes = _clean(name, table)
-    check_time(name, time, table.sources["time"].word("time"))
+    check_time(name, time, table.sources["time"].word("time"), columns)
     values = {each: column[rows] for each, column in table.values.items()}
     angles = _pair(values, _POSITIONS)
     assert angles is not None  # the reader refuses a log without angles
@@ -149,6 +150,7 @@ def read_recording(path: str | Path, columns: Sequence[str] = (), force: bool = 
         warnings=tuple(f"{name}: {note}" for note in notes),
         sources=table.sources,
         pairs=tuple(pairs),
+        columns=tuple(columns),
         turn=turn,
         goals=goals,
     )
@@ -168,23 +170,25 @@ def _with_goals(path: str | Path, table: Table, columns: Sequence[str]) -> Recor
     return None
 
 
-def _check_torques(name: str, table: Table) -> None:
+def _check_torques(name: str, table: Table, columns: Sequence[str]) -> None:
     """Refuse a log whose torques have other names, or are those of one joint alone."""
     wanted = _COMMANDS[0]
     single = next((title for title in table.unread for names in _COMMANDS if title in names), None)
     if single is not None:
         other = single[:-1] + ("2" if single.endswith("1") else "1")
+        words = completed([f"u{single[-1]}={single}", f"u{other[-1]}=0"], columns)
         raise SwingupError(
-            f"{name} has {single} and lacks {other}: name its column, or write --columns u{single[-1]}={single} "
-            f"u{other[-1]}=0 if joint {other[-1]} has no torque"
+            f"{name} has {single} and lacks {other}: name its column, or write --columns {words} if joint "
+            f"{other[-1]} has no torque"
         )
     if (lone := lone_torque(table.unread)) is not None:
+        elbow, shoulder = (completed(each, columns) for each in (["u1=0", f"u2={lone}"], [f"u1={lone}", "u2=0"]))
         raise SwingupError(
-            f"{name} has {lone} and no torque of each joint: write --columns u1=0 u2={lone} where it drives the "
-            f"elbow, u1={lone} u2=0 where the shoulder, with its unit or a factor"
+            f"{name} has {lone} and no torque of each joint: write --columns {elbow} where it drives the elbow, "
+            f"--columns {shoulder} where the shoulder, with its unit or a factor"
         )
     if likely := suggest_columns(table.unread, wanted):
-        words = shlex.join(likely)
+        words = completed(likely, columns)
         raise SwingupError(
             f"{name} lacks {', '.join(wanted)}: write --columns {words}, if these are torques, or u1=0 u2=0 for a "
             "free fall"

@@ -5,7 +5,6 @@ Estimates have intervals, and notes say what the logs leave open.
 
 import contextlib
 import math
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ..common.columns import completed
 from ..common.errors import SwingupError
 from ..loop.domain import Domain
 from ..loop.loop import VALUES
@@ -196,7 +196,8 @@ def mass_notes(problem: Problem, model: Float[np.ndarray, "15"], recording: Reco
     factor, unequal = math.sqrt(first * second), max(first / second, second / first)
     notable = unequal <= NOTABLE_FACTOR and not 1 / NOTABLE_FACTOR < factor < NOTABLE_FACTOR
     if notable and problem.driven and not problem.knows_mass:
-        words = shlex.join(remedy(recording, replace(AS_IS, torques=np.eye(2) * float(f"{1 / factor:.3g}"))))
+        columns = replace(AS_IS, torques=np.eye(2) * float(f"{1 / factor:.3g}"))
+        words = completed(remedy(recording, columns), recording.columns)
         return [
             f"all masses are about {factor:.2g} times the starting plant's: if that one is right, the torques are "
             f"{1 / factor:.3g} times those of the log, as before a gear, or as currents: --columns {words}"

@@ -130,6 +130,16 @@ class Plant:
         first, second = get_robot(robot).actuation
         return self.changed(tl1=self.tl1 * first, tl2=self.tl2 * second)
 
+    def needs_motor(self, robot: Robot | str) -> None:
+        """Refuse a plant whose driven joint has no motor."""
+        robot = get_robot(robot)
+        if not self.limit(robot.joint) > 0:
+            limit, other = f"tl{robot.joint + 1}", "pendubot" if robot.joint else "acrobot"
+            raise SwingupError(
+                f"{self.name or 'the plant'} has {limit} = 0, and the {robot.name}'s motor is at joint "
+                f"{robot.joint + 1}: give {limit} a torque limit (N m), or use it as {other}"
+            )
+
     @property
     def zeros(self) -> tuple[Number, Number]:
         """The encoders' zeros of shoulder and elbow (rad)."""

@@ -16,6 +16,8 @@ typedef struct {
     double step;                  /* since the one before (s) */
     double sample[4], torques[2]; /* last finite measurement, and torques */
     double gaps[2], stuck;        /* time for which a joint has shown nothing new, and stood still (s) */
+    int seen[2];                  /* whether a joint has had a finite sample */
+    double travels[2];            /* of the other joint since a joint's sample changed (rad) */
 #if SWINGUP_HAS_GUARD
     swingup_watch watch;
 #endif
@@ -41,13 +43,20 @@ static inline void swingup_check(swingup_guard *c, const double x[4], int first)
 {
     const double borne = c->reason == SWINGUP_GUARD_NONE ? SWINGUP_GUARD_LONGEST_GAP : 0.0;
     double *sample = c->sample;
+    double moves[2], reach[2];
     int i, finite[2], same[2];
     c->broken = 0;
     for (i = 0; i < 2; i++) {
         finite[i] = swingup_finite(x + i, 1) && swingup_finite(x + i + 2, 1);
+        moves[i] = finite[i] && c->seen[i] ? swingup_turned(x[i] - sample[i]) : 0.0;
+        reach[i] = SWINGUP_MAX_JUMP + SWINGUP_JUMP_RATE * (c->gaps[i] + c->step);
+    }
+    for (i = 0; i < 2; i++) {
         same[i] = !finite[i] || (!first && x[i] == sample[i] && x[i + 2] == sample[i + 2]);
         c->gaps[i] = finite[i] && (!same[i] || x[i + 2] == 0.0) ? 0.0 : c->gaps[i] + c->step;
         c->broken |= !finite[i];
+        c->seen[i] |= finite[i];
+        c->travels[i] = finite[i] && same[i] ? c->travels[i] + fabs(moves[1 - i]) : 0.0;
         if (finite[i]) {
             sample[i] = x[i];
             sample[i + 2] = x[i + 2];
@@ -72,8 +81,16 @@ static inline void swingup_check(swingup_guard *c, const double x[4], int first)
         }
     }
     for (i = 0; i < 2; i++) {
+        if (fabs(moves[i]) > reach[i]) {
+            swingup_stop(c, SWINGUP_GUARD_JUMP, i, moves[i]);
+            return;
+        }
         if (c->gaps[i] > SWINGUP_GUARD_LONGEST_GAP) {
             swingup_stop(c, SWINGUP_GUARD_STALE, i, c->gaps[i]);
+            return;
+        }
+        if (c->travels[i] > SWINGUP_DEAD_TRAVEL) {
+            swingup_stop(c, SWINGUP_GUARD_DEAD, i, c->travels[i]);
             return;
         }
     }

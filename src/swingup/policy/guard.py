@@ -12,6 +12,8 @@ and h = p, or dt at the first call and where p = 0. The first of these that hold
 5. STALE: s_i > ``longest_gap``, or w > ``stuck_time``. w grows by h where the driven joint's q and v repeat or are
    not finite and the last torque was above L/2; else it is 0.
    A pendulum may thus hang or stand still for ever.
+   JUMP: a joint's angle lies farther from its last sample than ``MAX_JUMP`` and twice the velocity's limit allow;
+   whole turns do not count. DEAD: its q and v repeat while the other joint's angle moves by ``DEAD_TRAVEL``.
 6. PERIOD, ENCODER, MOTOR, SWAPPED, UNDRIVEN: in the first second of a run the clock, or the motion under the
    torques, is not that of the policy's loop and plant (``wiring.py``).
 
@@ -40,11 +42,16 @@ from ..common.errors import SwingupError
 from ..common.settings import Range, Settings, read_settings
 from ..plant.plant import LEADERBOARD, Plant
 from ..plant.units import DAMPING, TORQUE_RATE, VELOCITY, scaled, scales_of
-from .wiring import WiringWatch
+from .wiring import WiringWatch, turned
 
 MAX_STANDSTILLS = 10
 """Maximum number of calls in a row at the same time: a loop may call twice for one measurement."""
 PUSHING_SHARE = 0.5  # A torque above this share of its joint's limit must move the joint
+MAX_JUMP, JUMP_RATIO = 0.3, 2.0
+"""An angle may differ from its last sample by this (rad), and by this multiple of what the velocity's limit allows:
+samples may be older than their calls."""
+DEAD_TRAVEL = 1.5
+"""While one joint moves by this (rad) the other one's sample changes, by its coupling to it."""
 MAX_BRAKED_RATIO = 2.0
 """Above this multiple of the guard's velocity limit a measured velocity is not used for braking."""
 
@@ -65,6 +72,8 @@ class Reason(IntEnum):
     MOTOR = 10
     SWAPPED = 11
     UNDRIVEN = 12
+    JUMP = 13
+    DEAD = 14
 
 
 REASON_TEXTS = (
@@ -81,6 +90,8 @@ REASON_TEXTS = (
     "the motors turn against their torques: they are reversed",
     "encoders or motors of shoulder and elbow are swapped",
     "the torque does not arrive: the joints do not move as it says",
+    "a joint's angle jumps farther than the joint can move",
+    "a joint's measurement stays the same while the other joint moves: its encoder is dead",
 )
 """The reasons in words, by their number."""
 
@@ -90,6 +101,8 @@ _UNITS = {
     Reason.STALE: " s",
     Reason.LATE: " s",
     Reason.PERIOD: " s",
+    Reason.JUMP: " rad",
+    Reason.DEAD: " rad",
 }
 
 WIRING_REASONS = (
@@ -211,6 +224,7 @@ class Guard:
         self._sample = (0.0, 0.0, 0.0, 0.0)
         self._torques = (0.0, 0.0)
         self._gaps, self._stuck = [0.0, 0.0], 0.0
+        self._seen, self._travels = [False, False], [0.0, 0.0]
         self._measurement_broken = False
         self._standstills = 0
         self._brakes = False
@@ -295,10 +309,14 @@ class Guard:
         s, driven, before = self.settings, self._joint, self._sample
         finite = [math.isfinite(x[i]) and math.isfinite(x[i + 2]) for i in (0, 1)]
         same = [not first and x[i] == before[i] and x[i + 2] == before[i + 2] for i in (0, 1)]
+        moves = [turned(x[i] - before[i]) if finite[i] and self._seen[i] else 0.0 for i in (0, 1)]
+        reach = [MAX_JUMP + JUMP_RATIO * s.velocity_limit * (gap + self._step) for gap in self._gaps]
         self._measurement_broken = not all(finite)
         for i in (0, 1):
             shows = finite[i] and (not same[i] or x[i + 2] == 0)
             self._gaps[i] = 0.0 if shows else self._gaps[i] + self._step
+            self._travels[i] = self._travels[i] + abs(moves[1 - i]) if same[i] else 0.0
+            self._seen[i] = self._seen[i] or finite[i]
         pushed = abs(self._torques[driven]) > PUSHING_SHARE * self._limits[driven]
         still = same[driven] or not finite[driven]
         self._stuck = self._stuck + self._step if still and pushed else 0.0
@@ -317,6 +335,10 @@ class Guard:
             if abs(rate := self._sample[i + 2]) > s.velocity_limit:
                 return Fault(Reason.VELOCITY, t, i, rate)
         for i in (0, 1):
+            if abs(moves[i]) > reach[i]:
+                return Fault(Reason.JUMP, t, i, moves[i])
             if self._gaps[i] > s.longest_gap:
                 return Fault(Reason.STALE, t, i, self._gaps[i])
+            if self._travels[i] > DEAD_TRAVEL:
+                return Fault(Reason.DEAD, t, i, self._travels[i])
         return Fault(Reason.STALE, t, driven, self._stuck) if self._stuck > s.stuck_time else None

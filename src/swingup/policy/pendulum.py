@@ -31,9 +31,7 @@ PLANT = "plant"  # Key of the plant in a policy file's metadata
 def policy_plant(plant: Plant, robot: Robot) -> Plant:
     """The plant of a policy file: the passive joint has no torque."""
     found = validated(plant.driven(robot))
-    if found.limit(robot.joint) <= 0:
-        limit = ("tl1", "tl2")[robot.joint]
-        raise SwingupError(f"plant parameter {limit} = 0: the {robot.name}'s driven joint needs a torque limit")
+    found.needs_motor(robot)
     return found
 
 

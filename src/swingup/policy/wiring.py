@@ -123,8 +123,8 @@ class WiringWatch:
         push = abs(u[self._joint]) / self._limit
         if push < PUSH_SHARE:
             return 0
-        before = [_turned(b - a) / first for a, b in zip(q0, q1, strict=True)]
-        after = [_turned(b - a) / second for a, b in zip(q1, q2, strict=True)]
+        before = [turned(b - a) / first for a, b in zip(q0, q1, strict=True)]
+        after = [turned(b - a) / second for a, b in zip(q1, q2, strict=True)]
         v = [0.5 * self._time_unit * (a + b) for a, b in zip(before, after, strict=True)]
         if max(abs(v[0]), abs(v[1])) > FAST:
             return 0
@@ -161,6 +161,6 @@ def _wired(pair: list[float], wiring: Wiring) -> list[float]:
     return signed[::-1] if wiring.crossed else signed
 
 
-def _turned(angle: float) -> float:
+def turned(angle: float) -> float:
     """An angle's distance (rad) without whole turns: encoders may wrap."""
     return float(NUMPY.nearest(angle)) if abs(angle) > 0.5 * TURN else angle

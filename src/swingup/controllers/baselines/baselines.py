@@ -84,8 +84,7 @@ def design_of(robot: Robot, plant: Plant) -> Design:
     with_friction = model.changed(**{f"cf{2 - robot.joint}": passive_friction(plant.driven(robot), robot)})
     if model == design_model(LEADERBOARD, robot):
         return Design(robot, model, with_friction, scales, published, optimal, shipped=True)
-    if not scales.torque > 0:
-        raise SwingupError(f"the {robot.name}'s motor has a torque limit of 0: raise tl{robot.joint + 1}")
+    model.needs_motor(robot)
     settings = published_for(published, scales.time), optimal_for(optimal, scales.time)
     model, with_friction = similar_plant(model, scales), similar_plant(with_friction, scales)
     return Design(robot, model, with_friction, scales, *settings, shipped=False)

@@ -1,0 +1,33 @@
+"""Which parameters the log of an excitation tells, against a truth that is known."""
+
+import pytest
+
+from refusals import refusal
+from swingup.benchmark.excitation_rehearsal import Found, rehearse_identification
+from swingup.identification import excitation
+from swingup.identification.excitation import excite
+
+
+def test_a_parameter_passes_near_the_truth_with_an_interval_that_says_so():
+    assert Found("k", 1.0, 1.09, (1.0, 1.2), 0.1).passes
+    assert not Found("k", 1.0, 1.11, (1.0, 1.2), 0.1).passes
+    assert not Found("k", 1.0, 1.0, (0.5, 1.5), 0.1).passes
+
+
+def test_what_is_no_excitation_is_named(tmp_path):
+    (tmp_path / "log.csv").write_text("time,pos1,pos2\n0,0,0\n")
+    assert "is not an excitation" in refusal(lambda: rehearse_identification("C.1", tmp_path / "log.csv"))
+
+
+@pytest.mark.slow  # two identifications
+def test_a_strong_excitation_tells_the_masses_and_a_weak_one_does_not(tmp_path, monkeypatch):
+    monkeypatch.setattr(excitation, "CHECKED_PLANTS", 8)
+    excite("C.1", duration=10.0).save(tmp_path / "strong.csv")
+    excite("C.1", duration=3.0, torque=0.5).save(tmp_path / "weak.csv")
+    strong, weak = (
+        {each.name: each for each in rehearse_identification("C.1", tmp_path / f"{name}.csv")}
+        for name in ("strong", "weak")
+    )
+    for name in ("m1 r1 + m2 l1", "m2 r2", "I2"):
+        assert strong[name].passes, strong[name]
+    assert sum(each.passes for each in weak.values()) < sum(each.passes for each in strong.values())
