@@ -134,7 +134,7 @@ TOGETHER = {
     "shapes (3,), (2, 4) and (3, 2)": lambda: score(dataclasses.replace(STILL, x=np.zeros((2, 4))), "acrobot"),
     "are not finite: end it": lambda: score(dataclasses.replace(STILL, u=HOLE.x[:, 2:]), "acrobot"),
     "'ar-eapo': it has a plant of its own": lambda: get_controller("ar-eapo", "pendubot", plant="B.0"),
-    "= 0 N m must be positive": lambda: get_task("smooth", ACROBOT, load_plant("C.1").changed(tl1=0.0, tl2=0.0)),
+    "C.1 has tl2 = 0, and": lambda: get_task("smooth", ACROBOT, load_plant("C.1").changed(tl1=0.0, tl2=0.0)),
     "in plain Python: call it as it is": lambda: loop_controller(get_controller("math:sin", "acrobot"), "acrobot"),
     "the acrobot, not the pendubot": lambda: loop_controller(get_controller("lqr", "acrobot"), "pendubot"),
     "form numpy is not for a pendulum: use realaigym": lambda: export_folder(ADAPTIVE, "out", "numpy"),
@@ -146,7 +146,7 @@ TOGETHER = {
     "estimator setting acceleration_noise": lambda: dataclasses.replace(
         ADAPTIVE, plant=ADAPTIVE.plant.changed(g=9e8)
     ),
-    "give it a motor": lambda: get_task("global", ACROBOT, c1(tl2=0.0)),
+    "give tl2 a torque limit (N m)": lambda: get_task("global", ACROBOT, c1(tl2=0.0)),
     "has tl2 = 0, and the acrobot's motor is at joint 2": lambda: get_controller(
         "lqr", "acrobot", plant=c1(tl2=0.0)
     ),

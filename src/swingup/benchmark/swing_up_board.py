@@ -26,6 +26,7 @@ from .disturbances import PushRules, draw_pushes
 from .rollout import Scenario, Trajectory
 from .values import PERFORMANCE
 
+LARGEST_LEAN = 0.1  # rad: a strong motor catches more, where no law is linear
 LEAN_SEED = 2026  # The leans are the same for every controller
 PUSH_SEED = 2024  # The pushes are the same for every controller and every seed of the plants
 
@@ -61,8 +62,8 @@ class SwingUpBoard(AbstractBoard):
     hold: float | None = None
     """Success: the tip is up in this last part of the run (s); None for being up at the end."""
     lean: float | None = None
-    """Runs begin upright at rest, stretched, with a lean of up to this share of what the motor catches; None for
-    hanging."""
+    """Runs begin upright at rest, stretched, with a lean of up to this share of what the motor catches, and up to
+    0.1 rad; None for hanging."""
     pushes: Mapping[str, PushRules] = field(default_factory=dict)
     """Pushes on both joints by the robot's name, with as many profiles as trials; none for calm runs."""
 
@@ -97,7 +98,7 @@ class SwingUpBoard(AbstractBoard):
         if needs is None:
             raise SwingupError(f"gravity does not pull both links down: the board {self.name} has no upright")
         seed = case.settings["seed"]
-        lean = share * needs.tilt * np.random.default_rng([LEAN_SEED, seed]).uniform(-1.0, 1.0)
+        lean = min(share * needs.tilt, LARGEST_LEAN) * np.random.default_rng([LEAN_SEED, seed]).uniform(-1.0, 1.0)
         scenario = replace(case.scenario, start=jnp.array([np.pi + lean, 0.0, 0.0, 0.0]))
         return replace(case, scenario=scenario, settings={**case.settings, "lean": lean})
 

@@ -54,6 +54,7 @@ def short_task(robot: Robot, plant: Plant = LEADERBOARD) -> PendulumTask:
 
 def global_task(robot: Robot, plant: Plant = LEADERBOARD) -> RecoveryTask:
     """The smooth task's pendulum, to be back up soon: mostly after throws, also from anywhere and from hanging."""
+    plant.needs_motor(robot)
     smooth, random = _smooth(robot, plant), np.random.default_rng(STARTS_SEED)
     starts = sample_starts(random, smooth.parameters, GLOBAL_STARTS, 20_000)
     starts[:, :2] = wrap_difference(starts[:, :2])  # full turns cost digits in single precision
@@ -75,10 +76,7 @@ def _smooth(robot: Robot, plant: Plant) -> PendulumTask:
 
 def _in_own_units(task: TaskT) -> TaskT:
     """The task with its numbers scaled from C.1's units to those of its plant."""
-    limit = float(task.parameters.limit(task.robot.joint))
-    if not limit > 0:
-        name = f"tl{task.robot.joint + 1}"
-        raise SwingupError(f"the {task.robot.name}'s torque limit {name} = {limit:g} N m must be positive")
+    task.parameters.needs_motor(task.robot)
     own = scaled(task, scales_of(task.parameters))
     return dataclasses.replace(own, substeps=stable_substeps(own.parameters, own.dt))
 
