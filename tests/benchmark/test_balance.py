@@ -11,12 +11,12 @@ from swingup.plant.upright import upright_needs
 
 
 def test_an_lqr_is_judged_near_the_top():
-    """Each run leans by at most three tenths of what the motor catches; the same law with the other sign falls."""
+    """Each run leans by at most a fifth of what the motor catches; the same law with the other sign falls."""
     lqr = swingup.get_controller("lqr", "acrobot")
     found = swingup.judge(lqr, "acrobot", "balance", 4)
     assert found.successes == 4
     leans = np.array([run.case.settings["lean"] for run in found.runs])
-    assert 0 < np.abs(leans).max() <= 0.3 * upright_needs(LEADERBOARD, get_robot("acrobot")).tilt
+    assert 0 < np.abs(leans).max() <= 0.2 * upright_needs(LEADERBOARD, get_robot("acrobot")).tilt
     assert len(np.unique(leans)) == 4
     assert swingup.judge(lambda x, t: [0.0, 0.0], "acrobot", "balance", 2).successes == 0
 

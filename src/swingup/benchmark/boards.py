@@ -78,7 +78,7 @@ BOARDS: dict[str, AbstractBoard] = {
         ),
         SIM2REAL,
         IROS_REAL,
-        SwingUpBoard(name="balance", normalisers=HARDWARE.normalisers, lean=0.3, hold=9.0, runs=20),
+        SwingUpBoard(name="balance", normalisers=HARDWARE.normalisers, lean=0.2, hold=9.0, runs=20),
         # The same robot's board without pushes.
         dataclasses.replace(IROS_REAL, name="v2-real", pushes={}),
         ICRA_REAL,

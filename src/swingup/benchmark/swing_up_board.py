@@ -26,7 +26,7 @@ from .disturbances import PushRules, draw_pushes
 from .rollout import Scenario, Trajectory
 from .values import PERFORMANCE
 
-LARGEST_LEAN = 0.1  # rad: a strong motor catches more, where no law is linear
+LARGEST_LEAN = 0.05  # rad: a strong motor catches more, where no law is linear
 LEAN_SEED = 2026  # The leans are the same for every controller
 PUSH_SEED = 2024  # The pushes are the same for every controller and every seed of the plants
 
@@ -63,7 +63,7 @@ class SwingUpBoard(AbstractBoard):
     """Success: the tip is up in this last part of the run (s); None for being up at the end."""
     lean: float | None = None
     """Runs begin upright at rest, stretched, with a lean of up to this share of what the motor catches, and up to
-    0.1 rad; None for hanging."""
+    0.05 rad; None for hanging."""
     pushes: Mapping[str, PushRules] = field(default_factory=dict)
     """Pushes on both joints by the robot's name, with as many profiles as trials; none for calm runs."""
 
