@@ -98,7 +98,7 @@ def rehearse_identification(
     with jax.enable_x64(True):
         specimen, disturbance = draw(prior, jax.random.key(seed), get_robot("pendubot"))
         specimen = specimen.changed(tl1=believed.tl1, tl2=believed.tl2)
-        pushes = jax.tree.map(np.zeros_like, disturbance.pushes)
+        pushes = dataclasses.replace(disturbance.pushes, amplitude=0 * disturbance.pushes.amplitude)
         scenario = Scenario(specimen, dataclasses.replace(disturbance, pushes=pushes), substeps=prior.substeps)
     player = Player(rows, (float(believed.tl1), float(believed.tl2)))
     run_one(PythonController(player), scenario, PERIOD, len(rows), prior.depth)

@@ -288,9 +288,10 @@ def upright_law(source: Any, robot: Robot, plant: Plant) -> tuple[list[str], lis
         lines = [f"at the top u = -K e with K = {np.round(gains, 3).tolist()}; poles {shown} 1/s"]
     else:
         lines = [f"at the top its torque is {torque:.3g} N m and has no gains"]
-    if gains.any() and growth(gains) < 0 and abs(torque) <= 0.01 * plant.limit(joint):
+    rests = gains.any() and abs(torque) <= 0.01 * plant.limit(joint)
+    if rests and growth(gains) < 0:
         return [], lines
-    if gains.any() and growth(-gains) < 0:
+    if rests and growth(-gains) < 0:
         return [
             f"its torque at the top has the wrong sign: u = -K e holds with {np.round(-gains, 3).tolist()}"
         ], lines
