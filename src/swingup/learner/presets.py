@@ -1,6 +1,7 @@
 """Named settings of task and algorithm; presets are Python values."""
 
 from dataclasses import dataclass
+from typing import Any
 
 from ..areapo.config import Config
 from ..common.checks import one_of
@@ -26,6 +27,16 @@ class Preset:
     only: str | None = None
     """The only kind of task that it is for; None for any."""
 
+
+_ENVIRONMENT: dict[str, Any] = {
+    # Minibatches that divide the rollout of a single environment, too.
+    "num_envs": 8, "num_steps": 250, "num_epochs": 10, "batch_size": 50, "policy_layers": (64, 64),
+    "value_layers": (64, 64), "activation": "tanh", "normalise_rewards": True, "temperature": 0.002,
+    # Noise of 1 for a swimmer, of 0.15 for an ant.
+    "log_std_init": 0.0, "deviation": "fitted",
+    "clip_range": 0.2, "learning_rate": 3e-4, "max_grad_norm": 0.5, "value_coefficient": (0.5, 0.25),
+}  # fmt: skip
+"""What both presets of environments have."""
 
 PRESETS = {
     "pendulum": Preset(
@@ -94,19 +105,21 @@ PRESETS = {
         ),
         1_000_000,
     ),
-    "general": Preset(
-        "AR-EAPO for any task, continuing or with episodes: sizes for a million frames",
+    "episodes": Preset(
+        "discounted rewards with entropy (EAPO, arXiv 2407.18143) for tasks with episodes: sizes for a million frames",
         Config(
-            # Minibatches that divide the rollout of a single environment, too.
-            num_envs=8, num_steps=250, num_epochs=10, batch_size=50, policy_layers=(64, 64), value_layers=(64, 64),
-            activation="tanh", gain="td", centre_values=True, normalise_rewards=True, temperature=0.002,
+            **_ENVIRONMENT, gain="none", discount=(0.99, 0.99), gae_lambda=(0.95, 0.9), terminations="end",
+        ),
+        1_000_000,
+    ),
+    "general": Preset(
+        "average reward with entropy (AR-EAPO) for tasks that go on: sizes for a million frames",
+        Config(
+            **_ENVIRONMENT, gain="td", centre_values=True,
             # λ = 0.98 sees a swimmer's slow rewards before the critic does.
             gae_lambda=(0.98, 0.95), schedule="anneal_lambda", schedule_frames=150_000,
-            # Noise of 1 for a swimmer, of 0.15 for an ant.
-            log_std_init=0.0, deviation="fitted",
             # A step that suits the swimmer moves the ant too far.
-            target_kl=0.02, clip_range=0.2, learning_rate=3e-4, max_grad_norm=0.5, value_coefficient=(0.5, 0.25),
-            terminations="adaptive_cost", reset_cost=100.0,
+            target_kl=0.02, terminations="adaptive_cost", reset_cost=100.0,
         ),
         1_000_000,
     ),
@@ -116,7 +129,9 @@ PENDULUM_PRESET = "pendulum"
 """The default of the robots."""
 ACROBOT_PRESET = "dm-acrobot"
 """The default of dm_control's acrobot."""
-ENV_PRESET = "general"
+CONTINUING_PRESET = "general"
+"""The default of continuing tasks and of streams."""
+ENV_PRESET = "episodes"
 """The default of every other task."""
 
 

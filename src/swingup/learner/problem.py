@@ -28,6 +28,7 @@ from .compiled_backend import CompiledBackend, ReturnEvaluator, SwingUpEvaluator
 from .metrics import Evaluation
 from .presets import (
     ACROBOT_PRESET,
+    CONTINUING_PRESET,
     DM_ACROBOT,
     ENV_PRESET,
     ENVIRONMENT,
@@ -287,8 +288,10 @@ class HostProblem(AbstractEnvironmentProblem):
 
     @property
     def preset(self) -> str | None:
-        """The preset of dm_control's acrobot, or of environments."""
-        return ACROBOT_PRESET if self.kind == DM_ACROBOT else ENV_PRESET
+        """The preset of streams and continuing tasks, of dm_control's acrobot, or of tasks with episodes."""
+        if self.kind == DM_ACROBOT and not self.stream:
+            return ACROBOT_PRESET
+        return CONTINUING_PRESET if self.continuing else ENV_PRESET
 
     @property
     def intervals(self) -> Intervals:
