@@ -367,7 +367,7 @@ def test_the_best_settings_of_the_commands_search_train_the_same_run(tmp_path, c
     words += ["--evaluation-episodes", "1", "--set", *SIZE_WORDS, "learning_rate=1e-4:1e-2:log", "--trials", "2"]
     assert main(words) == 0
     assert "2 trials complete" in capsys.readouterr().out
-    best = json.loads((tmp_path / "searches" / "CartPole-v1-general" / "best.json").read_text())
+    best = json.loads((tmp_path / "searches" / "CartPole-v1-episodes" / "best.json").read_text())
     assert main([*shlex.split(best["command"])[1:], "--out", "again"]) == 0
     again, seed = tmp_path / "again", Path(best["folder"]) / "seed-0"
     assert read_run_settings(again)[0] == read_run_settings(seed)[0]
@@ -413,5 +413,5 @@ def test_a_sweep_of_one_seed_has_no_interval_and_a_plain_folder(tmp_path, capsys
     monkeypatch.setattr(sweeping, "run_jobs", lambda jobs, pool, progress: [{"score": 84.2, "best_score": 90.0}])
     assert main(["sweep", "--env", "gymnasium:CartPole-v1", "--seeds", "1"]) == 0
     assert re.search(r"84\.2 +– +90", capsys.readouterr().out)
-    (row,) = json.loads((tmp_path / "sweeps" / "gymnasium-CartPole-v1-general" / "sweep.json").read_text())
+    (row,) = json.loads((tmp_path / "sweeps" / "gymnasium-CartPole-v1-episodes" / "sweep.json").read_text())
     assert (row["score"], row["interval"]) == (84.2, None)

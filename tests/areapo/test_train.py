@@ -1,6 +1,7 @@
 """The parts of an iteration: what is collected, what is bootstrapped, what is centred, what stays as it was."""
 
 import dataclasses
+import itertools
 
 import jax
 import jax.numpy as jnp
@@ -205,14 +206,18 @@ def test_noise_that_costs_much_reward_is_lowered_after_the_first_rollout(collect
 
 
 @pytest.mark.parametrize("offset", [0.0, 1000.0])
-def test_the_policy_waits_until_rewards_tell_more_than_the_price_of_actions(collected, offset):
+def test_a_rollout_that_tells_only_the_price_of_actions_leaves_the_policy(collected, offset):
     latents = np.random.default_rng(0).normal(size=(64, 8, 4)).astype(np.float32)
     price = -0.1 * np.sum(np.clip(latents, -1, 1) ** 2, axis=-1) + offset
     goal = price.copy()
     goal[5, 3] += 100.0
-    for rewards, learns in ((price, False), (np.full_like(price, offset - 1.0), False), (goal, True)):
-        after = after_rewards(collected, rewards, latents)
-        assert bool(after.informed) == (float(after.step_scale) == 2.0) == learns
+    alike = np.full_like(price, offset - 1.0)
+    for informed, (rewards, learns) in itertools.product(
+        (False, True), ((price, False), (alike, False), (goal, True))
+    ):
+        after = after_rewards(collected, rewards, latents, informed)
+        assert bool(after.informed) == (informed or learns)
+        assert float(after.step_scale) == (2.0 if learns else 1.0)
         moved = np.asarray(after.actor.mean_head.bias)
         np.testing.assert_array_equal(moved, np.full(4, float(learns)))
         np.testing.assert_array_equal(after.actor(jnp.zeros(3)).log_std, 0.0)  # not even then is noise too dear

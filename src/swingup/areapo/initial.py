@@ -55,24 +55,24 @@ def init_learner(key: Key, spaces: Spaces, config: Config) -> LearnerState:
 
 
 def wait_for_rewards(before: LearnerState, after: LearnerState, rollout: Rollout, config: Config) -> LearnerState:
-    """The learner after a rollout, whose policy stays as it was until rewards tell more than the price of actions.
+    """The learner after a rollout, whose policy stays as it was if rewards told no more than the price of actions.
 
-    Where nothing is known but that price, training would only save actions, and a goal would never be found. When
-    more is known, ``fitted`` lowers σ if the rewards fall as Σ a² rises. Where torques cost nothing, as on Swimmer,
+    From that price alone, training would only save actions, and a rare goal would not be found, or not again. When
+    more is known, ``fitted`` lowers σ once if the rewards fall as Σ a² rises. Where torques cost nothing, as on Swimmer,
     large noise explores better. Where they cost much, training lowers σ, but slowly: a reacher needs 100,000 steps,
     and until then the noise hides all other effects of an action.
     """
     share, varies = price_of_actions(before.actor, rollout)
-    informed = before.informed | (varies & (share < WHOLE_SHARE)) | jnp.any(rollout.terminated)
-    actor = jax.tree.map(lambda new, old: jnp.where(informed, new, old), after.actor, before.actor)
+    told = (varies & (share < WHOLE_SHARE)) | jnp.any(rollout.terminated)
+    actor = jax.tree.map(lambda new, old: jnp.where(told, new, old), after.actor, before.actor)
     if config.deviation == "fitted" and isinstance(actor, Actor) and actor.std_head is not None:
         bias = actor.std_head.bias
         lower = jnp.minimum(bias, config.log_std_init + math.log(REDUCED_SHARE))
-        costly = informed & ~before.informed & (share > COSTLY_SHARE)
+        costly = told & ~before.informed & (share > COSTLY_SHARE)
         actor = dataclasses.replace(actor, std_head=Linear(actor.std_head.weight, jnp.where(costly, lower, bias)))
     # No divergence was seen to which the step could adapt.
-    scale = jnp.where(informed, after.step_scale, before.step_scale)
-    return dataclasses.replace(after, actor=actor, step_scale=scale, informed=informed)
+    scale = jnp.where(told, after.step_scale, before.step_scale)
+    return dataclasses.replace(after, actor=actor, step_scale=scale, informed=before.informed | told)
 
 
 def price_of_actions(actor: AnyActor, rollout: Rollout) -> tuple[Scalar, Flag]:
