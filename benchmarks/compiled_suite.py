@@ -161,6 +161,6 @@ if __name__ == "__main__":
     parser.add_argument("--task", default="CartPole-v1", help="gymnax's name of it")
     parser.add_argument("--frames", type=int, default=524_288, help="of each seed, rounded up to quarters")
     parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--preset", default="general", help="of swingup's learner")
+    parser.add_argument("--preset", default="continuing", help="of swingup's learner")
     arguments = parser.parse_args()
     main(arguments.task, arguments.frames, arguments.seeds, arguments.preset)

@@ -48,7 +48,7 @@ MEASURES = {
 
 def areapo(task: str, seed: int, frames: int) -> Iterator[Point]:
     """Ours, with the preset for such tasks."""
-    yield from trained_areapo(task, seed, frames, "general")
+    yield from trained_areapo(task, seed, frames, "continuing")
 
 
 def trained_areapo(task: str, seed: int, frames: int, preset: str, **settings: Any) -> Iterator[Point]:

@@ -34,7 +34,7 @@ class Tank(gymnasium.Env[np.ndarray, np.ndarray]):
 
 def main(frames: int) -> None:
     """Learn, print the gain meanwhile, and print the policy's actions."""
-    model = AREAPO(Tank, learning_rate=1e-3, evaluate_every=4096)
+    model = AREAPO(Tank, "continuing", learning_rate=1e-3, evaluate_every=4096)
 
     def show(_: AREAPO, report: TrainingReport) -> None:
         print(f"{report.frames:6,} frames: gain {report.best.gain:.3f}, mean return {report.score:.1f}")

@@ -187,7 +187,7 @@ def test_the_optimum_of_a_plant_is_held_and_scored(script):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("preset", ["general", "ppo"])
+@pytest.mark.parametrize("preset", ["continuing", "ppo"])
 def test_constants_and_units_of_rewards_and_observations_do_not_matter(preset, script):
     """Pendulum-v1 itself pays about -1,200 before it is learned, and -150 at its best."""
     constants = script("constants")

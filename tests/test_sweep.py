@@ -56,11 +56,11 @@ def error_of(job):
 
 
 def test_a_plan_has_every_combination(tmp_path):
-    jobs = plan_jobs(BASE, {"learning_rate": [1e-3, 1e-4], "preset": ["ppo", "general"]}, (3, 4), tmp_path, 100)
+    jobs = plan_jobs(BASE, {"learning_rate": [1e-3, 1e-4], "preset": ["ppo", "continuing"]}, (3, 4), tmp_path, 100)
     assert len({job.folder for job in jobs}) == len(jobs) == 8
     configs = [job.settings for job in jobs]
     assert [(c.config.learning_rate, c.preset, c.seed) for c in configs[:3]] == [
-        (1e-3, "ppo", 3), (1e-3, "ppo", 4), (1e-3, "general", 3),
+        (1e-3, "ppo", 3), (1e-3, "ppo", 4), (1e-3, "continuing", 3),
     ]  # fmt: skip
     # The preset's hyperparameters come with it.
     assert (configs[0].config.gain, configs[2].config.gain) == ("none", "td")

@@ -51,7 +51,7 @@ def outputs(network, state, observations):
 
 
 TD = [name for name, each in PRESETS.items() if each.config.gain == "td"]
-FIRST = ("general",)
+FIRST = ("continuing",)
 
 
 @pytest.mark.parametrize(

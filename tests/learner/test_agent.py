@@ -287,7 +287,7 @@ def test_a_pendulum_task_takes_the_preset_that_is_named():
     assert model.config.learning_rate == 1e-3
 
 
-@pytest.mark.parametrize("preset", ["general", pytest.param("ppo", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("preset", ["continuing", pytest.param("ppo", marks=pytest.mark.slow)])
 def test_the_family_trains_on_a_gymnasium_id(preset):
     row = []
     model = AREAPO("CartPole-v1", preset, **TINY)

@@ -13,10 +13,10 @@ from swingup.plant.files import load_plant
 def test_a_run_chooses_by_the_task():
     chosen = {
         "acrobot": "pendulum", "Pendulum-v1": "episodes", "swingup/AcrobotSwingup-v0": "dm-acrobot",
-        "swingup/ContinuingHopper-v0": "general",
+        "swingup/ContinuingHopper-v0": "continuing",
     }  # fmt: skip
     assert {env: make_problem(env).choose_preset(None) for env in chosen} == chosen
-    assert make_problem("Pendulum-v1", resets="never").choose_preset(None) == "general"
+    assert make_problem("Pendulum-v1", resets="never").choose_preset(None) == "continuing"
     for env, preset, only in (
         ("acrobot", "dm-acrobot", "dm_control's acrobot"), ("CartPole-v1", "small", "pendulums"),
         ("swingup/AcrobotSwingup-v0", "pendulum", "pendulums"),

@@ -296,7 +296,7 @@ OPTIONS = {
 def test_options_of_networks_rewards_and_schedules_resume(tmp_path, option, env):
     """Environments that the host steps start anew at each checkpoint, also where nobody stopped."""
     config = dataclasses.replace(SMALLER, **OPTIONS[option])
-    settings = RunSettings(make_problem(env), "general", 3, 1, 64, 128, config, 2)
+    settings = RunSettings(make_problem(env), "continuing", 3, 1, 64, 128, config, 2)
     list(start_run(settings, tmp_path / "whole", 8 * FEW).advance())
     run = resumed_after(6 * FEW, tmp_path / "part", 8 * FEW, settings, env)  # past the checkpoint at 4
     assert run.frames == 4 * FEW

@@ -98,8 +98,8 @@ def update(state: LearnerState, rollout: Rollout, config: Config) -> tuple[Learn
 
     Options that the paper lacks stand around these two steps. Before them, ``charge_resets`` and ``scale_rewards``
     change the rewards to learn from, then ``scheduled`` changes hyperparameters. After them, ``wait_for_rewards``
-    keeps the policy where there is nothing to learn, and once lowers the initial noise where it costs much. The metrics
-    are those of the rewards as they were collected.
+    keeps the policy where there is nothing to learn, and once lowers initial noise that costs much. The metrics are
+    those of the rewards as they were collected.
     """
     state, charged, cost = charge_resets(state, rollout, config)
     state, scaled = scale_rewards(state, charged, config)

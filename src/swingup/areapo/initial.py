@@ -18,7 +18,7 @@ from .statistics import MIN_RELATIVE_DEVIATION, mean, running_statistics
 
 COSTLY_SHARE = 0.05
 """Noise is too expensive if squared actions explain this share of the rewards' variance. With the initial deviation
-of `general` the share is 0.12 to 1 on the ants, Reacher and Pusher, at most 0.006 on six other tasks."""
+of `continuing` the share is 0.12 to 1 on the ants, Reacher and Pusher, at most 0.006 on six other tasks."""
 WHOLE_SHARE = 0.999  # Where they explain more, nothing but the price of actions was seen
 REDUCED_SHARE = 0.15  # Share of the initial deviation that remains where noise is too expensive
 
@@ -58,9 +58,9 @@ def wait_for_rewards(before: LearnerState, after: LearnerState, rollout: Rollout
     """The learner after a rollout, whose policy stays as it was if rewards told no more than the price of actions.
 
     From that price alone, training would only save actions, and a rare goal would not be found, or not again. When
-    more is known, ``fitted`` lowers σ once if the rewards fall as Σ a² rises. Where torques cost nothing, as on Swimmer,
-    large noise explores better. Where they cost much, training lowers σ, but slowly: a reacher needs 100,000 steps,
-    and until then the noise hides all other effects of an action.
+    more is known, ``fitted`` lowers σ once if the rewards fall as Σ a² rises. Where torques cost nothing, as on
+    Swimmer, large noise explores better. Where they cost much, training lowers σ, but slowly: a reacher needs
+    100,000 steps, and until then the noise hides all other effects of an action.
     """
     share, varies = price_of_actions(before.actor, rollout)
     told = (varies & (share < WHOLE_SHARE)) | jnp.any(rollout.terminated)

@@ -106,14 +106,14 @@ PRESETS = {
         1_000_000,
     ),
     "episodes": Preset(
-        "discounted rewards with entropy (EAPO, arXiv 2407.18143) for tasks with episodes: sizes for a million frames",
+        "discounted rewards with entropy (EAPO, arXiv 2407.18143) for tasks with episodes",
         Config(
             **_ENVIRONMENT, gain="none", discount=(0.99, 0.99), gae_lambda=(0.95, 0.9), terminations="end",
         ),
         1_000_000,
     ),
-    "general": Preset(
-        "average reward with entropy (AR-EAPO) for tasks that go on: sizes for a million frames",
+    "continuing": Preset(
+        "average reward with entropy (AR-EAPO) for tasks that go on",
         Config(
             **_ENVIRONMENT, gain="td", centre_values=True,
             # λ = 0.98 sees a swimmer's slow rewards before the critic does.
@@ -129,7 +129,7 @@ PENDULUM_PRESET = "pendulum"
 """The default of the robots."""
 ACROBOT_PRESET = "dm-acrobot"
 """The default of dm_control's acrobot."""
-CONTINUING_PRESET = "general"
+CONTINUING_PRESET = "continuing"
 """The default of continuing tasks and of streams."""
 ENV_PRESET = "episodes"
 """The default of every other task."""
