@@ -4,7 +4,7 @@ The shipped ``adaptive`` was taught plants about design C.1. Many others it swin
 parameters that differ from the true ones, for a part of the motor's torque. A search by cross-entropy finds such
 numbers: candidates swing the true plant up in a perfect loop, side by side, and the next ones are drawn about the
 best. The state estimator and the regulator at the top have the true plant. The search proves nothing where no
-candidate comes up: acrobots do where their motor has some 1.3 times the torque of the stretched arm's weight.
+candidate comes up.
 """
 
 from collections.abc import Callable
