@@ -125,6 +125,7 @@ REFUSED = {
     "lacks time: ": [["pos1,pos2,vel1,vel2,tau1,tau2", *ROWS]],
     "lacks tau_con1, tau_con2: ": [["time,pos_meas1,pos_meas2,vel_meas1,vel_meas2", *ROWS]],
     f"has no header: its first line must be {HEADER}": [[""], ["", " ", "\n"], ROWS],
+    "has titles and no rows of numbers below them": [[HEADER], [HEADER, ""]],
     # Decimal commas shift all that follows.
     "line 5 has more cells than columns: write decimals with a point": [[HEADER, *ROWS, "0,3,1,2,3,4,5,6"]],
     "line 4, column time: 'fast' is not a number": [cell(0, "fast")],

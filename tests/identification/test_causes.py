@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from synthetic import DELAY, OFFSETS, TRUTH, simulate, write
 
+from refusals import refusal
 from swingup.identification.causes import INDEX, expected_of, explain, roughness
 from swingup.identification.prediction import integration_of
 from swingup.identification.recording import read_recording
@@ -68,3 +69,11 @@ def test_the_cause_is_the_likeliest(cause, log, tmp_path):
         assert found[0].z[INDEX[name]] == pytest.approx(value, rel=0.1)
     # Jerks are those of encoders' steps alone.
     assert roughness(recording).max() < 2.5e-4
+
+
+def test_a_log_of_shreds_is_refused(log, tmp_path):
+    shreds = log.copy()
+    shreds[:, 0] += np.arange(len(log)) // 40  # Gaps of a second after each 0.09 s
+    recording = read_recording(write(tmp_path / "log.csv", shreds))
+    told = refusal(explain, recording, integration_of(TRUTH), expected_of(TRUTH, DELAY, (6.0, 6.0)))
+    assert "has gaps everywhere: at least 0.16 s in a row are needed" in told

@@ -158,3 +158,7 @@ def test_suggested_columns_keep_earlier_ones_and_run_as_printed(tmp_path):
         words = shlex.split(re.search(r"--columns (.*?), if", refusal(read_recording, log, given))[1])
         assert words[: len(given)] == given
     assert read_recording(log, words).duration == pytest.approx(2.0, abs=0.01)
+    in_order = ["time", "_", "q1", "q2", "u1", "u2"]
+    log = write(tmp_path / "untitled.csv", table[:, [0, 3, 1, 2, 5, 6]], "")
+    words = shlex.split(re.search(r"--columns (.*)", refusal(read_recording, log, in_order))[1])
+    assert read_recording(log, words).duration == pytest.approx(2.0, abs=0.01)

@@ -191,8 +191,9 @@ def suggest_columns(
 
 def completed(words: Sequence[str], given: Sequence[str]) -> str:
     """Words of --columns as a user types them: those given before, but for the names that are mapped anew."""
-    names = {word.partition("=")[0] for word in words}
-    return shlex.join([*(word for word in given if "=" in word and word.partition("=")[0] not in names), *words])
+    anew = {"_", *(word.partition("=")[0] for word in words)}
+    before = [word if "=" in word else f"{word}={place}" for place, word in enumerate(given, start=1)]
+    return shlex.join([*(word for word in before if word.partition("=")[0] not in anew), *words])
 
 
 def lone_torque(titles: Sequence[str]) -> str | None:

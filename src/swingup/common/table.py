@@ -76,15 +76,14 @@ def write_columns(path: str | Path, columns: Mapping[str, np.ndarray]) -> None:
 def read_table(
     path: str | Path,
     groups: Sequence[Sequence[Names]],
-    optional: Names = (),
     columns: Sequence[str] = (),
     gaps: bool = False,
 ) -> Table:
     """Read columns in float64: the first complete choice of each group, the time first.
 
-    Units in a title, as in ``time[ms]``, are converted. Optional columns are read if all are there. ``columns`` map
-    names (``columns.parse_columns``). All are cut to the shortest; with ``gaps`` cells may be missing instead,
-    columns without any are as if not there, and times may be in any order.
+    Units in a title, as in ``time[ms]``, are converted. ``columns`` map names (``parse_columns``). Columns are
+    cut to the shortest; with ``gaps`` cells may be missing instead, columns without any are as if not there, and
+    times may be in any order.
     """
     cells = _read_cells(path)
     if not any(cells.names) and not (columns and cells.lines):
@@ -93,18 +92,20 @@ def read_table(
             f"{path} has no header: its first line must be {','.join(names)}, or name its columns in their order, "
             f"as in --columns {' '.join(names)}"
         )
+    if not cells.lines:
+        raise SwingupError(f"{path} has titles and no rows of numbers below them")
     titles = [
         name if not gaps or _filled(column) else "" for name, column in zip(cells.names, cells.columns, strict=True)
     ]
     mapped = parse_columns(path, columns, titles)
-    known = dict.fromkeys([*(name for group in groups for names in group for name in names), *optional])
+    known = dict.fromkeys(name for group in groups for names in group for name in names)
     if unknown := [name for name in mapped if name not in known]:
         shown = ", ".join(SHORT.get(name, name) for name in known)
         raise SwingupError(
             f"{path}: --columns maps {quoted(unknown[0])}, which nobody reads: the names are {shown}"
         )
     sources = _find_sources(titles, groups, mapped)
-    chosen = _choose(path, cells, titles, sources, groups, optional, columns)
+    chosen = _choose(path, cells, titles, sources, groups, columns)
     _check_read(path, mapped, chosen, groups)
     sources = {name: _with_unit(path, name, sources[name], cells) for name in chosen}
     used = {cells.place(title) for column in sources.values() for title in column.expression.titles}
@@ -228,7 +229,6 @@ def _choose(
     titles: list[str],
     sources: Mapping[str, MappedColumn],
     groups: Sequence[Sequence[Names]],
-    optional: Names,
     given: Sequence[str],
 ) -> list[str]:
     """The names that are read; where no choice is complete, the error names the nearest one's columns."""
@@ -236,7 +236,7 @@ def _choose(
     chosen = [name for names in best for name in names]
     missing = [name for name in chosen if name not in sources]
     if not missing:
-        return chosen + (list(optional) if set(optional) <= set(sources) else [])
+        return chosen
     complete = [name for names in best if set(names) <= set(sources) for name in names]
     used = {title for name in complete for title in sources[name].expression.titles}
     free = [title for title in titles if title and title not in used]

@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from ..common.errors import SwingupError
 from ..plant.base_parameters import BASE, BASE_NAMES, base_parameters, lumped
 from ..plant.equations import ARRAYS, mass_entries
 from ..plant.momentum import momentum_rows
@@ -164,11 +165,13 @@ class Balance:
         self.times = np.arange(REACH, recording.duration - REACH, STEP)
         self.q = smooth(recording, self.times)[:, :2]
         starts = np.arange(0, len(self.times) - 2 - SPAN, STRIDE)
-        begin, end = self.times[starts], self.times[starts + SPAN + 2]
         gaps = np.flatnonzero(recording.gaps)
         for left, right in zip(recording.time[gaps], recording.time[gaps + 1], strict=True):
-            starts = starts[(end[: len(starts)] + REACH <= left) | (begin[: len(starts)] - REACH >= right)]
             begin, end = self.times[starts], self.times[starts + SPAN + 2]
+            starts = starts[(end + REACH <= left) | (begin - REACH >= right)]
+        if not starts.size:
+            least = (SPAN + 2) * STEP + 2.0 * REACH
+            raise SwingupError(f"{recording.name} has gaps everywhere: at least {least:.2g} s in a row are needed")
         self.starts = starts
         reach = np.stack([np.ptp(self.q[start : start + SPAN + 2], axis=0) for start in starts])
         self.stands = reach < STILL * np.maximum(np.asarray(recording.quantum), 1e-4)
@@ -301,23 +304,15 @@ def expected_of(plant: Plant, delay: float, limits: tuple[float, float]) -> Expe
     pull = float(plant.g) * values["k"]
     # Friction and speed as the fit measures them (``unknowns.expectations``).
     torque, speed = 0.05 * pull, 2.0 * math.sqrt(float(plant.g) / float(plant.l1 + plant.l2))
-    masses, frictions = (
-        ("A", "B", "m2r2", "k"),
-        {"b1": torque / speed, "b2": torque / speed, "cf1": torque, "cf2": torque},
-    )
+    masses = ("A", "B", "m2r2", "k")
+    frictions = {"b1": torque / speed, "b2": torque / speed, "cf1": torque, "cf2": torque}
     ordinary = {name: 0.04 * values[name] for name in masses} | {"Ir": 0.3 * values["Ir"]}
     ordinary |= {name: max(0.3 * values[name], 0.25 * size) for name, size in frictions.items()}
     ordinary |= {"offset1": 0.01, "offset2": 0.01, "gain": 0.03, "delay": 0.003}
     free = {name: 0.6 * values[name] for name in masses} | {name: 8.0 * size for name, size in frictions.items()}
     free |= {"offset1": 0.4, "offset2": 0.4, "gain": 0.6, "delay": 0.03, "stiction": 3.0, "lost": 0.6}
-    free |= {
-        "spring1": 0.3 * pull,
-        "spring2": 0.3 * pull,
-        "load1": torque,
-        "load2": torque,
-        "sag": max(limits) / speed,
-    }
-    free |= {"link1": 0.5, "link2": 0.5}
+    free |= {"spring1": 0.3 * pull, "spring2": 0.3 * pull, "load1": torque, "load2": torque}
+    free |= {"sag": max(limits) / speed, "link1": 0.5, "link2": 0.5}
     centre, spreads, wide = (
         np.array([named.get(name, 0.0) for name in NAMES]) for named in (values, ordinary, free)
     )
