@@ -4,6 +4,7 @@ import pytest
 
 from refusals import refusal
 from swingup.benchmark.excitation_rehearsal import Found, rehearse_identification
+from swingup.cli.pendulums import identify_command
 from swingup.identification import excitation
 from swingup.identification.excitation import excite
 
@@ -17,6 +18,8 @@ def test_a_parameter_passes_near_the_truth_with_an_interval_that_says_so():
 def test_what_is_no_excitation_is_named(tmp_path):
     (tmp_path / "log.csv").write_text("time,pos1,pos2\n0,0,0\n")
     assert "is not an excitation" in refusal(lambda: rehearse_identification("C.1", tmp_path / "log.csv"))
+    ignored = {"rehearse": "C.1", "out": (str(tmp_path / "mine.yml"),)}
+    assert "--out does not go with --rehearse" in refusal(identify_command, ("log.csv",), **ignored)
 
 
 @pytest.mark.slow  # two identifications

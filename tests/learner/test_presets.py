@@ -48,7 +48,7 @@ def test_what_would_be_ignored_is_refused():
     # A preset's own value, and a word that uses it, are right.
     changes = {"terminations": "reset_cost", "reset_cost": 3.0}
     assert make_run_settings("CartPole-v1", changes=changes).config.reset_cost == 3.0
-    assert "goes with a run's folder" in refusal(AREAPO.load, "policy.safetensors", which="best")
+    assert "needs a run's folder" in refusal(AREAPO.load, "policy.safetensors", which="best")
 
 
 @pytest.mark.slow

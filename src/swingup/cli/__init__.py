@@ -18,7 +18,6 @@ INTERRUPTED = 130
 GRACE = 3.0
 """Seconds that a command has for its end after Ctrl-C."""
 
-
 _INTERRUPTED_LINES = ["swingup: interrupted"]
 
 
@@ -31,6 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run a command, by default the process's; bad input ends in one line on standard error and a failure."""
     # XLA's warnings of slow compilation tell a user nothing. JAX reads this when it is imported.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+    del _INTERRUPTED_LINES[1:]  # Those of an earlier call
     try:
         if sys.stdout is None:
             raise OSError(errno.EBADF, "it is closed")
@@ -104,9 +104,8 @@ def _end_soon_after_interrupts() -> None:
         while sockets[0].recv(1)[0] != signal.SIGINT:
             pass
         time.sleep(GRACE)
-        os.write(
-            2, "".join(f"{line}\n" for line in _INTERRUPTED_LINES).encode()
-        )  # print would wait for a main thread that prints
+        # print would wait for a main thread that prints.
+        os.write(2, "".join(f"{line}\n" for line in _INTERRUPTED_LINES).encode())
         os._exit(INTERRUPTED)
 
     threading.Thread(target=watch, daemon=True).start()

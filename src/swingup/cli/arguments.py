@@ -1,7 +1,7 @@
 """Arguments that several commands share."""
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypedDict
 
@@ -98,6 +98,13 @@ def facts_of(options: PlantOptions) -> Plant | None:
     """The one plant that the options name; None without any."""
     found = plant_of(options)
     return None if found is None else found.facts
+
+
+def refuse_ignored(options: Mapping[str, Any], why: str) -> None:
+    """Refuse options that were given and would be ignored."""
+    for name, value in options.items():
+        if not (value is None or value is False or value == ()):
+            raise SwingupError(f"--{name} {why}: leave it out")
 
 
 def check_outputs(formats: Sequence[str], *paths: str | None) -> None:

@@ -4,7 +4,7 @@ import itertools
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from tyro.conf import UseAppendAction, arg
 
@@ -33,7 +33,7 @@ from ..report.log_report import (
     report_identification,
 )
 from ..report.page import PAGE_FORMATS, save_log_report
-from .arguments import NAMES, PLANTS, DomainName, FileName, Names, RobotName, check_outputs, word_of
+from .arguments import NAMES, PLANTS, DomainName, FileName, Names, RobotName, check_outputs, refuse_ignored, word_of
 from .output import Progress, foreign_prints_apart, tell, tell_json, tell_table
 from .results import show_parts
 
@@ -228,12 +228,21 @@ def identify_command(
         seed: seed of the intervals' bootstrap.
         page: page (.html) or figure (.png, .svg, .pdf): windows, residuals, friction curves and held-out errors.
         rehearse: the log is a file of swingup excite: play it on a specimen of this plant, in its loop, and say
-            what the run's log would tell. Of the other options seed and json count.
+            what the run's log would tell. Of the other options it takes seed and json.
         json: print one JSON object.
     """
     if not logs:
         raise SwingupError("swingup identify needs LOG...: see swingup identify --help")
     if rehearse is not None:
+        others: dict[str, Any] = {
+            "test": test,
+            "out": out,
+            "known": known,
+            "sessions": sessions,
+            "columns": columns,
+        }
+        others |= {"start": None if start == "C.1" else start, "force": force, "page": page}
+        refuse_ignored(others, "does not go with --rehearse")
         return _rehearse(rehearse, logs, seed, json)
     check_outputs(PLANT_FORMATS, *out)
     check_outputs(PAGE_FORMATS, page)
@@ -279,9 +288,8 @@ def _rehearse(plant: str, files: Sequence[str], seed: int, json: bool) -> int:
         ]
         tell_table(["", "truth", "found", "95 % interval", ""], rows, title=f"a specimen of {plant}")
         if failed := [each.name for each in found if not each.passes]:
-            tell(
-                f"its log would not tell {', '.join(failed)}: a longer or stronger excitation, or another log, may"
-            )
+            remedy = "a longer or stronger excitation, or another log, may"
+            tell(f"its log would not tell {', '.join(failed)}: {remedy}")
     return int(not all(each.passes for each in found))
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from tyro.conf import arg
 
 from ..common.arrays import SUFFIX
-from ..common.errors import SwingupError, command_line, duration
+from ..common.errors import command_line, duration
 from ..learner.run import Run
 from ..plant.plant import Robot
 from ..policy.shipped import AR_EAPO, load_pendulum_policy
@@ -17,7 +17,17 @@ from ..refine.recipe import ADAPT, RECIPES, RECOVER, RefinementReport, run_recip
 from ..report.log_report import report_adaptation
 from ..report.page import PAGE_FORMATS, save_log_report
 from . import say_if_interrupted
-from .arguments import NO_OPTIONS, DomainName, FileName, PlantOptions, RobotName, check_outputs, plant_of, word_of
+from .arguments import (
+    NO_OPTIONS,
+    DomainName,
+    FileName,
+    PlantOptions,
+    RobotName,
+    check_outputs,
+    plant_of,
+    refuse_ignored,
+    word_of,
+)
 from .output import Progress, tell
 from .results import result_lines
 from .training import train_shown
@@ -61,11 +71,11 @@ def refine_command(
     """
     check_outputs([SUFFIX], out)
     check_outputs(PAGE_FORMATS, page)
-    for name, value in {"frames": frames, "seeds": seeds, "page": page}.items():
-        if recipe != ADAPT and value is not None:
-            raise SwingupError(f"--{name} is for --recipe {ADAPT}: leave it out")
+    if recipe != ADAPT:
+        refuse_ignored({"frames": frames, "seeds": seeds, "page": page}, f"is for --recipe {ADAPT}")
     policy = AR_EAPO if policy is None and recipe != ADAPT else policy
     options: dict[str, Any] = {"policy": policy, "recipe": recipe, "domain": domain, "seed": seed}
+    options |= {"frames": frames, "seeds": seeds}
     command = command_line("refine", robot.name, **options, out=Path(out).name, **plant)
     base = None if policy is None else load_pendulum_policy(policy, robot)
     on = plant_of(plant)
@@ -81,8 +91,9 @@ def refine_command(
 
         def report(now: RefinementReport) -> None:
             save_refined(out, now, base, command, seed)
-            on = command_line("refine", robot.name, **{**options, "policy": out}, out=out, **plant)
-            say_if_interrupted(f"{out} has the policy after {now.iteration} of {now.total} steps: go on with {on}")
+            again = command_line("refine", robot.name, **options | {"policy": out}, out=out, **plant)
+            steps = f"{now.iteration} of {now.total} steps"
+            say_if_interrupted(f"{out} has the policy after {steps}: go on with {again}")
             _show(bar, now)
 
         run_recipe(base, recipe, seed, plant=on, domain=domain, report=report, progress=bar)

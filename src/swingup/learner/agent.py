@@ -119,7 +119,7 @@ class AREAPO:
         """
         one_of("policy to load", which, ("last", "best"))
         if which == "best" and not Path(path).is_dir():
-            raise SwingupError(f"which = 'best' goes with a run's folder, not with {path}: leave it out")
+            raise SwingupError(f"which = 'best' needs a run's folder, and {path} is not one: leave it out")
         model, file = cls.__new__(cls), Path(path) / BEST if which == "best" else path
         model._use((start_from_policy if read_format(file) == FORMAT else restore_run)(file, env))
         return model
