@@ -19,7 +19,7 @@ from swingup.learner import compiled_backend
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
 from swingup.learner.problem import make_problem
-from swingup.learner.run import Run, resume_run, start_run
+from swingup.learner.run import Run, resume_run, start_or_resume_run, start_run
 from swingup.learner.run_folder import RunFolder
 from swingup.learner.run_settings import RunSettings, make_run_settings, run_settings_from_dict, write_run_settings
 from swingup.plant.files import load_plant
@@ -224,8 +224,10 @@ def test_divergence_keeps_the_last_good_checkpoint(tmp_path):
 def test_a_finished_run_has_reached_its_goal_also_where_the_last_chunk_went_beyond_it(finished, tmp_path):
     shutil.copytree(finished[0], tmp_path / "again")
     write_run_settings(tmp_path / "again", SETTINGS, 600)
-    again = resume_run(tmp_path / "again", 600)
+    again = start_or_resume_run(SETTINGS, tmp_path / "again", 600)
     assert (again.frames, list(again.advance())) == (640, [])
+    other = dataclasses.replace(SETTINGS, seed=1)
+    assert "a run with other settings" in refusal(start_or_resume_run, other, tmp_path / "again", 600)
 
 
 def test_a_checkpoint_of_another_configuration(tmp_path):

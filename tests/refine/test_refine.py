@@ -300,10 +300,12 @@ def test_an_interrupted_adaptation_goes_on_after_its_last_finished_stage(tmp_pat
     monkeypatch.setattr(adapting, "save_refined", lambda path, now, *_: write_pendulum_policy(path, now.policy, {}))
     monkeypatch.setattr(adapting, "judge", lambda *_, **__: types.SimpleNamespace(successes=50))
     out = tmp_path / "mine.safetensors"
-    with pytest.raises(KeyboardInterrupt):
-        adapt("acrobot", out, policy=policy, draws=50)
-    # Another seed is another adaptation; the same one begins with what the first stage made.
+    for each in (load_policy("global", "acrobot"), policy):
+        with pytest.raises(KeyboardInterrupt):
+            adapt("acrobot", out, policy=each, draws=50)
+    # Another policy or seed is another adaptation; the same one begins with what the first stage made.
     assert [each.name for each in tmp_path.glob("mine-*")] == ["mine-adapt-0.safetensors"]
     adapt("acrobot", out, policy=policy, draws=50)
-    assert calls == [("adapt", 0, False), ("adapt", 1, True)]
+    assert [finished for _, finished, _ in calls] == [0, 0, 1]
+    assert calls[1:] == [("adapt", 0, False), ("adapt", 1, True)]
     assert not list(tmp_path.glob("mine-*"))

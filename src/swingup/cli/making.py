@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,7 +21,7 @@ from ..controllers.stack.policy import make_controller
 from ..export.folder import FORMS as FOLDERS
 from ..export.folder import NAME, check_export_name, check_new, cloudpendulum_guard
 from ..identification.identify import Identification, identify
-from ..learner.run import resume_run, start_run
+from ..learner.run import start_or_resume_run
 from ..learner.run_folder import BEST
 from ..learner.run_settings import make_run_settings
 from ..loop.domain import Domain
@@ -33,10 +34,11 @@ from ..policy.estimator import default_estimator
 from ..policy.guard import choose_guard
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
 from ..policy.shipped import load_pendulum_policy
+from ..refine.adapt import CHOICE_SEED, JUDGED_SEED
 from ..refine.transfer import find_policies
 from ..report.log_report import identification_tables, report_identification
 from ..report.page import PAGE_FORMATS, save_log_report
-from .arguments import DomainName, FileName, Names, RobotName, check_outputs, word_of
+from .arguments import DomainName, FileName, Names, RobotName, check_outputs, refuse_ignored, word_of
 from .exporting import choose_export_guard, write_export
 from .output import Progress, tell
 from .pendulums import named_values
@@ -46,7 +48,7 @@ from .training import train_shown
 PRESET, FRAMES = "small", 2_500_000
 """What is trained where the shipped policy does not swing the plant up; pendubots hold after a million frames."""
 TRIES = 12  # Policies of no training that are judged before one is trained
-DRAWS = 20  # Simulated pendulums that judge the controller
+DRAWS = 20  # Simulated pendulums that choose the policy, and others that judge it
 ENOUGH = 0.95  # Share of them below which the command names what to do
 START = "C.1"
 HEADERS = (".h", ".hpp")
@@ -64,7 +66,7 @@ def make_controller_command(
     columns: Names = (),
     force: bool = False,
     domain: DomainName | None = None,
-    frames: int | None = None,
+    frames: int = FRAMES,
     seed: int = 0,
     seeds: int = DRAWS,
     name: str = NAME,
@@ -72,8 +74,9 @@ def make_controller_command(
 ) -> int:
     """Make a controller for your pendulum from its logs: identify, find or train a policy, judge and export.
 
-    The shipped policy swings many pendulums up where it is told another plant than the true one: the command tries
-    some in simulation. Where none succeeds on 95 % of the judged pendulums it trains one, and takes the best.
+    The shipped policy swings many pendulums up if it is told another plant than the true one: the command searches
+    for one in simulation. If none succeeds on 95 % of the drawn pendulums, the command trains a policy. The best
+    policy is judged on other draws.
     Beside OUT the command writes OUT.safetensors, the policy, and for logs OUT-plant.yml with the plant and
     OUT-plant-domain.yml with its ranges. It continues a training that was interrupted, in OUT-run.
 
@@ -89,8 +92,8 @@ def make_controller_command(
         force: take logs as they are that look wrong.
         domain: the loop of the simulation that judges: a domain's name or file; what the source says of it counts.
         frames: frames to train where that is needed.
-        seed: seed of the training.
-        seeds: simulated pendulums that judge the controller.
+        seed: seed of the search and the training.
+        seeds: simulated pendulums by which the policy is chosen, and as many others that judge it.
         name: of the entry (con_NAME.py, controller_NAME.py), and what all names in a C header begin with.
         page: page (.html) or figure (.png, .svg, .pdf) of the logs, as of swingup identify.
     """
@@ -106,8 +109,10 @@ def make_controller_command(
     check_seeds(0, seeds)
     path = Path(out).with_suffix("") if to == "c" else Path(out)
     if is_plant_name(sources[0]):
-        logs_alone = {"start": start, "set": set, "known": known, "columns": columns, "force": force, "page": page}
-        _refuse_logs(sources, logs_alone)
+        if len(sources) > 1:
+            raise SwingupError(f"{len(sources)} files, the first of a plant: give one plant, or logs alone")
+        for_logs = {"start": start, "set": set, "known": known, "columns": columns, "force": force, "page": page}
+        refuse_ignored(for_logs, f"is for logs, and {sources[0]} is a plant")
         around = resolve(sources[0], domain)
     else:
         found = _identified(sources, start, set, known, columns, force)
@@ -117,38 +122,35 @@ def make_controller_command(
     robot = _the_robot(around.nominal_plant, robot)
     file = f"{path}{SUFFIX}"
 
-    def judged(policy: PendulumPolicy) -> tuple[PendulumPolicy, Result]:
+    def tried(policy: PendulumPolicy) -> tuple[int, PendulumPolicy]:
         guarded = dataclasses.replace(policy, guard=choose_export_guard(policy, to, True, {}))
-        return guarded, _judged(guarded, around, seeds, file)
+        return _judged(guarded, around, seeds, file, CHOICE_SEED).successes, guarded
 
-    tried: list[tuple[PendulumPolicy, Result]] = []
+    best: tuple[int, PendulumPolicy | None] = -1, None
     for candidate in _transferred(around.nominal_plant, robot, to, seed):
-        tried.append(judged(candidate))
-        if tried[-1][1].successes == seeds:
+        best = max(best, tried(candidate), key=itemgetter(0))
+        if best[0] == seeds:
             break
-    if all(each.successes < ENOUGH * seeds for _, each in tried):
+    if best[0] < ENOUGH * seeds:
         trained, status = _trained(around.nominal_plant, robot, path, frames, seed)
         if trained is None:
             return status
-        tried.append(judged(trained))
-    policy, result = max(tried, key=lambda each: each[1].successes)
-    options: dict[str, Any] = {"to": to, "out": out, "robot": robot.name, "seed": seed, "frames": frames}
+        best = max(best, tried(trained), key=itemgetter(0))
+    policy = best[1]
+    assert policy is not None  # The trained one is there where nothing was found
+    options: dict[str, Any] = {"to": to, "out": out, "robot": robot.name, "start": start}
+    options |= {"set": tuple(itertools.chain(*set)), "known": known, "columns": columns, "force": force or None}
+    options |= {"domain": domain, "frames": frames, "seed": seed, "seeds": seeds, "name": name}
     provenance = {"command": command_line("make-controller", *sources, **options), "version": __version__}
     write_pendulum_policy(file, policy, {**policy.metadata, **provenance})
+    # By draws on which nothing was chosen.
+    result = _judged(policy, around, seeds, file, JUDGED_SEED)
     tell(*result_lines(result, file))
     write_export(policy, to, out, name)
     again = command_line("refine", robot.name, recipe="adapt", plant=around.name, out=f"{path}-adapted{SUFFIX}")
     if result.successes < ENOUGH * len(result.runs):
         tell(f"it fails on {len(result.runs) - result.successes} of {len(result.runs)}: an hour of {again}")
     return 0
-
-
-def _refuse_logs(sources: tuple[str, ...], given: dict[str, Any]) -> None:
-    if len(sources) > 1:
-        raise SwingupError(f"{len(sources)} files, the first of a plant: give one plant, or logs alone")
-    for name, value in given.items():
-        if value:
-            raise SwingupError(f"--{name} is for logs, and {sources[0]} is a plant: leave it out")
 
 
 def _identified(
@@ -187,29 +189,21 @@ def _transferred(plant: Plant, robot: Robot, to: str, seed: int) -> list[Pendulu
     return found[:TRIES]
 
 
-def _trained(
-    plant: Plant, robot: Robot, path: Path, frames: int | None, seed: int
-) -> tuple[PendulumPolicy | None, int]:
+def _trained(plant: Plant, robot: Robot, path: Path, frames: int, seed: int) -> tuple[PendulumPolicy | None, int]:
     """The best policy of a run on the plant with its friction, behind an estimator; None where it was stopped."""
     folder = path.with_name(f"{path.name}-run")
-    settings = make_run_settings(robot.name, PRESET, plant=plant, seed=seed)
-    if folder.exists():
-        run = resume_run(folder, frames)
-        if (run.settings.problem, run.settings.seed) != (settings.problem, seed):
-            raise SwingupError(f"{folder} is of another plant or seed: delete it, or name another --out")
-    else:
-        run = start_run(settings, folder, FRAMES if frames is None else frames)
+    run = start_or_resume_run(make_run_settings(robot.name, PRESET, plant=plant, seed=seed), folder, frames)
     if status := train_shown(run):
         return None, status
     found = load_pendulum_policy(str(folder / BEST), robot)
     return dataclasses.replace(found, estimator=default_estimator(found.plant)), 0
 
 
-def _judged(policy: PendulumPolicy, around: Domain, seeds: int, file: str) -> Result:
+def _judged(policy: PendulumPolicy, around: Domain, seeds: int, file: str, seed: int) -> Result:
     """How the controller does on pendulums drawn from the ranges that the logs leave."""
     with Progress() as bar:
         judged = make_controller(policy)
         return judge(
-            judged, policy.robot, SIM2REAL, seeds, name=file, domain=around,
+            judged, policy.robot, SIM2REAL, seeds, seed=seed, name=file, domain=around,
             progress=lambda done, total: bar("simulated pendulums", done, total),
         )  # fmt: skip

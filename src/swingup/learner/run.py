@@ -290,6 +290,19 @@ def resume_run(folder: str | Path, frames: int | None = None, env: Any = None) -
     return run
 
 
+def start_or_resume_run(settings: RunSettings, folder: Path, frames: int) -> Run:
+    """The run in a folder, continued to a number of frames, or a new one.
+
+    Raises:
+        SwingupError: the folder holds a run with other settings, or one that has more frames, or something else.
+    """
+    if not RunFolder(folder).has_checkpoint():
+        return start_run(settings, folder, frames)
+    if read_run_settings(folder)[0] != settings:
+        raise SwingupError(f"{folder} holds a run with other settings: delete it, or name another --out")
+    return resume_run(folder, frames)
+
+
 def restore_run(path: str | Path, env: Any = None) -> Run:
     """A run without a folder that continues from a saved learner, or from the last checkpoint in a run's folder.
 

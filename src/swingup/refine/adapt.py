@@ -1,12 +1,16 @@
 """From a domain to a judged policy that finds its plant: the shipped one where it succeeds, else trained ones."""
 
 import dataclasses
+import hashlib
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import jax
+import numpy as np
 
 from ..benchmark.board import Result
 from ..benchmark.judge import judge
@@ -18,7 +22,7 @@ from ..common.errors import SwingupError
 from ..common.files import check_suffix, check_writable, write_atomically, write_map
 from ..controllers.registry import get_controller
 from ..learner.presets import get_preset
-from ..learner.run import Run, resume_run, start_run
+from ..learner.run import Run, start_or_resume_run
 from ..learner.run_folder import BEST
 from ..learner.run_settings import make_run_settings
 from ..loop.domain import Domain
@@ -165,7 +169,9 @@ class _Attempts:
     def refine(self, base: PendulumPolicy, recipe: str, seed: int) -> None:
         """Take a policy through a recipe; what an interrupted call of the same finished is not repeated."""
         kept, stages = self.stage_file(recipe, seed), (0, 1)
-        origin = {"command": self.command, "domain": str(self.domain)}
+        arrays = b"".join(np.asarray(each).tobytes() for each in jax.tree.leaves(dataclasses.asdict(base.network)))
+        network = hashlib.sha256(arrays).hexdigest()
+        origin = {"command": self.command, "domain": str(self.domain), "network": network}
         if kept.exists():
             before = load_policy(str(kept), self.robot)
             if origin.items() <= before.metadata.items():
@@ -212,11 +218,8 @@ def _trained_base(
     robot: Robot, domain: Domain, folder: Path, frames: int, seed: int, watch: Watch
 ) -> PendulumPolicy | None:
     # It recovers on the domain's first plant; its training may have begun in an earlier call.
-    if folder.exists():
-        run = resume_run(folder, frames)
-    else:
-        settings = make_run_settings(robot.name, PRESET, plant=first_plant(domain, robot), seed=seed)
-        run = start_run(settings, folder, frames)
+    settings = make_run_settings(robot.name, PRESET, plant=first_plant(domain, robot), seed=seed)
+    run = start_or_resume_run(settings, folder, frames)
     return load_policy(str(folder / BEST), robot) if watch.train(run) else None
 
 
