@@ -46,7 +46,6 @@ def test_from_a_plant_to_a_header_with_its_zeros(run, tmp_path):
 def test_a_weak_motor_needs_a_training(run, tmp_path):
     run("plant leaderboard --set tl1=0 tl2=1.5 --out mine.yml")
     told = run("make-controller mine.yml --frames 4096 --seeds 2 --out policy.h")
-    assert "0 candidates come up" in told
     assert "swingup refine acrobot --recipe=adapt --plant=mine.yml" in told
     assert load_pendulum_policy("policy.safetensors").parts == ("estimator", "guard")
     # A second call goes on with the run that is there, which has reached its frames.
