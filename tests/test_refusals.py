@@ -61,7 +61,7 @@ def c1(**numbers):
     return load_plant(load_plant("C.1").changed(**numbers))
 
 
-LEARNER = {"env": Noisy} | TINY
+LEARNER = {"env": Noisy, "preset": "continuing"} | TINY
 SETTINGS = {"problem": make_problem("acrobot"), "preset": "pendulum", "seed": 0, "seeds": 1, "evaluate_every": 64}
 ENTRIES = {
     usually(AREAPO, **LEARNER): {
