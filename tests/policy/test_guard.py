@@ -52,6 +52,12 @@ FAULTS = {
     "all repeated": ((range(4), None, STEPS), Reason.STALE, 0, AT + 11),
     "angles alone repeated": (([0, 1], None, STEPS), Reason.NONE, -1, None),
     "jump": (([0], 1.5), Reason.JUMP, 0, AT),
+    "elbow between two counts": (
+        (range(4), [[0.15, 0.05 * (-1) ** call, 0, 0] for call in range(60)], 60),
+        Reason.NONE,
+        -1,
+        None,
+    ),
     "a whole turn": (([0], 2 * np.pi + 0.4 * np.sin(5 * DT * AT)), Reason.NONE, -1, None),
     "pause": (((), None, 0, 9.75), Reason.LATE, -1, AT),
     "short pause": (((), None, 0, 8.5), Reason.NONE, -1, None),

@@ -56,7 +56,7 @@ static inline void swingup_check(swingup_guard *c, const double x[4], int first)
         c->gaps[i] = finite[i] && (!same[i] || x[i + 2] == 0.0) ? 0.0 : c->gaps[i] + c->step;
         c->broken |= !finite[i];
         c->seen[i] |= finite[i];
-        c->travels[i] = finite[i] && same[i] ? c->travels[i] + fabs(moves[1 - i]) : 0.0;
+        c->travels[i] = finite[i] && same[i] ? c->travels[i] + moves[1 - i] : 0.0;
         if (finite[i]) {
             sample[i] = x[i];
             sample[i + 2] = x[i + 2];
@@ -89,7 +89,7 @@ static inline void swingup_check(swingup_guard *c, const double x[4], int first)
             swingup_stop(c, SWINGUP_GUARD_STALE, i, c->gaps[i]);
             return;
         }
-        if (c->travels[i] > SWINGUP_DEAD_TRAVEL) {
+        if (fabs(c->travels[i]) > SWINGUP_DEAD_TRAVEL) {
             swingup_stop(c, SWINGUP_GUARD_DEAD, i, c->travels[i]);
             return;
         }

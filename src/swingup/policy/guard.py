@@ -13,7 +13,7 @@ and h = p, or dt at the first call and where p = 0. The first of these that hold
    not finite and the last torque was above L/2; else it is 0.
    A pendulum may thus hang or stand still for ever.
    JUMP: a joint's angle lies farther from its last sample than ``MAX_JUMP`` and twice the velocity's limit allow;
-   whole turns do not count. DEAD: its q and v repeat while the other joint's angle moves by ``DEAD_TRAVEL``.
+   whole turns do not count. DEAD: its q and v repeat until the other joint's angle is ``DEAD_TRAVEL`` farther on.
 6. PERIOD, ENCODER, MOTOR, SWAPPED, UNDRIVEN: in the first second of a run the clock, or the motion under the
    torques, is not that of the policy's loop and plant (``wiring.py``).
 
@@ -51,7 +51,8 @@ MAX_JUMP, JUMP_RATIO = 0.3, 2.0
 """An angle may differ from its last sample by this (rad), and by this multiple of what the velocity's limit allows:
 samples may be older than their calls."""
 DEAD_TRAVEL = 1.5
-"""While one joint moves by this (rad) the other one's sample changes, by its coupling to it."""
+"""Before one joint is this much farther on (rad) the other one's sample changes, by its coupling to it. An encoder
+that wavers between two counts goes nowhere."""
 MAX_BRAKED_RATIO = 2.0
 """Above this multiple of the guard's velocity limit a measured velocity is not used for braking."""
 
@@ -315,7 +316,7 @@ class Guard:
         for i in (0, 1):
             shows = finite[i] and (not same[i] or x[i + 2] == 0)
             self._gaps[i] = 0.0 if shows else self._gaps[i] + self._step
-            self._travels[i] = self._travels[i] + abs(moves[1 - i]) if same[i] else 0.0
+            self._travels[i] = self._travels[i] + moves[1 - i] if same[i] else 0.0
             self._seen[i] = self._seen[i] or finite[i]
         pushed = abs(self._torques[driven]) > PUSHING_SHARE * self._limits[driven]
         still = same[driven] or not finite[driven]
@@ -339,6 +340,6 @@ class Guard:
                 return Fault(Reason.JUMP, t, i, moves[i])
             if self._gaps[i] > s.longest_gap:
                 return Fault(Reason.STALE, t, i, self._gaps[i])
-            if self._travels[i] > DEAD_TRAVEL:
+            if abs(self._travels[i]) > DEAD_TRAVEL:
                 return Fault(Reason.DEAD, t, i, self._travels[i])
         return Fault(Reason.STALE, t, driven, self._stuck) if self._stuck > s.stuck_time else None
