@@ -94,6 +94,7 @@ def test_a_state_that_is_not_finite_gives_nan(tmp_path):
     ):
         np.testing.assert_array_equal(np.isnan(u[:, joint]), [True, False, True, False])
         np.testing.assert_array_equal(u[:, 1 - joint], 0.0)
+    assert np.isnan(found(np.zeros(4), np.nan)[joint])
 
 
 @pytest.mark.parametrize("form", ["realaigym", "cloudpendulum"])

@@ -74,18 +74,19 @@ static inline double swingup_act(swingup_controller *c, swingup_time t, const do
     double error[4], torque;
 
     swingup_errors(x, goal, error);
-    swingup_note_call(&c->feedback, t, error);
 #if SWINGUP_HAS_REGULATOR
-    torque = swingup_top(&c->regulator, own, error);
+    torque = swingup_regulate(&c->regulator, swingup_held, own, &torque) ? SWINGUP_TORQUE_UNIT * torque : 0.0;
 #else
-    (void)own;
     torque = swingup_top(error);
 #endif
 #if SWINGUP_PIECES > 0
-    if (!c->feedback.at_top) {
+    if (swingup_leads(&c->feedback, t, error)) {
         torque = swingup_follow(x, (double)(t - c->feedback.begun));
     }
 #endif
+    (void)c;
+    (void)t;
+    (void)own;
     return swingup_compensated(torque, x);
 }
 #else

@@ -22,6 +22,19 @@ static inline void swingup_errors(const double x[4], const double target[4], dou
 }
 
 #if SWINGUP_PIECES > 0
+/* Whether the trajectory leads: from the first call until the pendulum has been near the top. */
+static inline int swingup_leads(swingup_feedback *c, swingup_time t, const double error[4])
+{
+    int i, near = 1;
+    for (i = 0; i < 4; i++) {
+        near = near && fabs(error[i]) < swingup_threshold[i];
+    }
+    c->at_top |= near && swingup_finite(error, 4);
+    c->begun = c->called ? c->begun : t;
+    c->called = 1;
+    return !c->at_top;
+}
+
 /* The torque (N m) along the trajectory, t s after the first call. */
 static inline double swingup_follow(const double x[4], double t)
 {
@@ -47,15 +60,8 @@ static inline double swingup_follow(const double x[4], double t)
 }
 #endif
 
+#if !SWINGUP_HAS_REGULATOR
 /* The torque (N m) at the top. */
-#if SWINGUP_HAS_REGULATOR
-static inline double swingup_top(swingup_regulator *c, const double own[4], const double error[4])
-{
-    double torque;
-    (void)error;
-    return swingup_regulate(c, swingup_held, own, &torque) ? SWINGUP_TORQUE_UNIT * torque : 0.0;
-}
-#else
 static inline double swingup_top(const double error[4])
 {
     double cost = 0.0, torque = 0.0;
@@ -69,23 +75,6 @@ static inline double swingup_top(const double error[4])
     return cost <= SWINGUP_LARGEST_COST ? torque : 0.0;
 }
 #endif
-
-/* Note a call: the time of the first one, and whether the pendulum has been near the top. */
-static inline void swingup_note_call(swingup_feedback *c, swingup_time t, const double error[4])
-{
-#if SWINGUP_PIECES > 0
-    int i, near = 1;
-    for (i = 0; i < 4; i++) {
-        near = near && fabs(error[i]) < swingup_threshold[i];
-    }
-    c->at_top |= near && swingup_finite(error, 4);
-#else
-    (void)error;
-    c->at_top = 1;
-#endif
-    c->begun = c->called ? c->begun : t;
-    c->called = 1;
-}
 
 /* The motor's torque (N m) from that of the law, with the driven joint's friction. */
 static inline double swingup_compensated(double torque, const double x[4])

@@ -158,7 +158,7 @@ class FeedbackSource:
 def follow(law: SwingUpLaw, x: np.ndarray, t: float) -> float:
     """The torque (N m) along the trajectory, t s after the first call."""
     t = min(max(t, law.starts[0]), law.ends[-1])
-    piece = int(np.searchsorted(law.ends, t))
+    piece = min(int(np.searchsorted(law.ends, t)), len(law.ends) - 1)  # NaN is behind the last end
     s = (t - law.starts[piece]) / (law.ends[piece] - law.starts[piece])
     now = np.array([1.0, s, s * s, s**3]) @ law.coefficients[piece]
     return float(now[4] - now[5:] @ _error(x, now[:4]))
