@@ -16,6 +16,7 @@ import dataclasses
 import subprocess
 import tempfile
 import uuid
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,7 @@ from scipy.linalg import expm, solve_discrete_are
 from swingup.export.c_header import c_header
 from swingup.loop.resolve import SESSIONS, resolve
 from swingup.plant.plant import get_robot
-from swingup.policy.guard import choose_guard
+from swingup.policy.guard import Reason, choose_guard
 from swingup.policy.shipped import load_policy
 
 SECONDS = 10.0
@@ -99,6 +100,16 @@ CASES: dict[str, Callable[[Numbers], Numbers]] = {
     "supply sags": lambda p: {"sag": 0.1},
 }
 """What each case changes of a robot. Faults of samples and calls come once a second."""
+
+WIRINGS: dict[str, Callable[[Numbers], Numbers]] = {
+    "shoulder's encoder reversed": lambda p: {"turned1": 1.0},
+    "elbow's encoder reversed": lambda p: {"turned2": 1.0},
+    "motors reversed": lambda p: {"wired1": 1.0, "wired2": 1.0},
+    "encoders swapped": lambda p: {"crossed": 1.0},
+    "motors swapped": lambda p: {"exchanged": 1.0},
+    "joints swapped": lambda p: {"crossed": 1.0, "exchanged": 1.0},
+}
+"""Robots that are wired wrongly, which the guard should stop in its first second."""
 
 
 def robots(joint: int, seed: int, each: int = 5) -> list[Numbers]:
@@ -201,9 +212,10 @@ def main() -> None:
     options.add_argument("--seed", type=int, default=0)
     options.add_argument("--case", nargs="*", default=[""])
     chosen = options.parse_args()
-    wanted = [name for name in CASES if any(word in name for word in chosen.case)]
+    wanted = [name for name in CASES | WIRINGS if any(word in name for word in chosen.case)]
     print(f"{'of 30: policy (stopped by the guard), LQR':42s}" + "".join(f"{name:>20s}" for name in chosen.robots))
     rows: dict[str, list[str]] = {name: [] for name in wanted}
+    reasons: tuple[Counter[str], Counter[str]] = Counter(), Counter()
     with tempfile.TemporaryDirectory() as folder:
         for name in chosen.robots:
             joint = get_robot(name).joint
@@ -213,13 +225,16 @@ def main() -> None:
             )
             library = compiled(Path(folder), guarded)
             for case in wanted:
-                numbers = [p | CASES[case](p) for p in robots(joint, chosen.seed)]
+                numbers = [p | (CASES | WIRINGS)[case](p) for p in robots(joint, chosen.seed)]
                 found = [run(library, p) for p in numbers]
+                reasons[case in WIRINGS].update(Reason(reason).name.lower() for _, reason in found)
                 standing = sum(run(library, held(p, joint))[0] for p in numbers)
                 good, stopped = sum(up for up, _ in found), sum(reason > 0 for _, reason in found)
                 rows[case].append(f"{f'{good} ({stopped}), {standing}':>20s}")
     for case, row in rows.items():
         print(f"{case:42s}{''.join(row)}")
+    for title, counts in zip(("wired rightly", "wired wrongly"), reasons, strict=True):
+        print(f"why the guard stopped, {title}: {dict(counts.most_common())}")
 
 
 if __name__ == "__main__":
