@@ -50,6 +50,8 @@ NONSENSE = [
     ("refine acrobot --seeds 5 --out x.safetensors", "--seeds is for --recipe adapt"),
     # Files.
     ("export tvlqr --to c --out x", "tvlqr needs a robot"),
+    ("export tvlqr --robot acrobot --plant C.0 --to realaigym --out no/such", "cannot write no/such"),
+    ("export tvlqr --robot acrobot --plant C.0 --to numpy --out x", "a baseline is not written for numpy"),
     ("export ilqr-mpc --robot acrobot --to c --out x", "ilqr-mpc cannot be exported: use lqr"),
     ("export --robot acrobot --to c --out x --seed 3", "--seed goes with --to trajectory"),
     ("export --robot acrobot --to realaigym --out full", "full is there already"),

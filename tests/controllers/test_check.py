@@ -244,6 +244,21 @@ def test_the_sign_and_the_zero_of_a_law_at_the_top(sign, upright, named):
     assert "poles" in notes[0]
 
 
+class RootedAtTheTop(AbstractController):
+    """A law that is not finite on one side of upright."""
+
+    def init(self):
+        return None
+
+    def __call__(self, carry, t, x):
+        return None, jnp.stack([0.0 * t, jnp.sqrt(np.pi - x[0])])
+
+
+def test_a_torque_that_is_not_finite_at_the_top():
+    found, _ = upright_law(RootedAtTheTop(), get_robot("acrobot"), LEADERBOARD)
+    assert found == ["its torque is not finite for x = [3.1417, 0.0, 0.0, 0.0]: correct it there"]
+
+
 def test_a_solver_that_is_slow_at_times_is_told(monkeypatch):
     """Every tenth call takes 13 ms, of a clock that stands still otherwise."""
     calls, passed = itertools.count(), [0.0]

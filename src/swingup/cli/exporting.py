@@ -16,17 +16,27 @@ from ..controllers.baselines.baselines import (
     BASELINES,
     DESIGN_SEED,
     EXPORTED,
+    PROBLEMS,
     design_of,
     feedback_policy,
     in_real_units,
     reaches_upright,
     shipped_reference,
 )
+from ..controllers.check import spread
 from ..controllers.swingups.reference import save_reference, save_reference_csv
 from ..export.c_header import c_header
 from ..export.c_text import Precision
 from ..export.folder import FORMS as FOLDERS
-from ..export.folder import NAME, cloudpendulum_guard, cloudpendulum_notes, export_folder
+from ..export.folder import (
+    NAME,
+    ROBOT_FORMS,
+    check_export_name,
+    check_new,
+    cloudpendulum_guard,
+    cloudpendulum_notes,
+    export_folder,
+)
 from ..export.onnx_graph import onnx_model
 from ..plant.plant import LEADERBOARD, Robot, validated
 from ..policy.feedback import FeedbackPolicy
@@ -35,7 +45,7 @@ from ..policy.pendulum import PendulumPolicy, write_plant
 from ..policy.policy import TaskPolicy
 from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_policy
 from ..rehearsal.process import CALLING_TIME
-from ..rehearsal.rehearse import Rehearsal, rehearse, spread
+from ..rehearsal.rehearse import Rehearsal, rehearse
 from ..report.draw import FIGURE_FORMATS, draw, render
 from ..report.figures import make_labels, phase_figure, read_robustness, robustness_figure, trajectory_figure
 from ..report.film import FILM_FORMATS, FPS, SIZE, animate
@@ -47,12 +57,10 @@ from .results import aligned, result_lines
 
 TRAJECTORY = "trajectory"
 FORMS = (*FOLDERS, "onnx", "c", TRAJECTORY)
-TRACKED_PROBLEMS = dict.fromkeys(("tvlqr", "ilqr-riccati", "ilqr-mpc"), "published") | {"tvlqr-score": "score"}
-"""The problem whose swing-up a baseline follows."""
 
 POLICIES = (
     f"{', '.join(SHIPPED_POLICIES)}, a policy file (.safetensors), or a baseline: {', '.join(EXPORTED)}, or for "
-    f"trajectory {', '.join(TRACKED_PROBLEMS)}."
+    f"trajectory {', '.join(PROBLEMS)}."
 )
 
 
@@ -99,11 +107,12 @@ def export_command(
             default the plant's.
         zero2: the same of the elbow.
         plant: what adaptive begins with, in that plant's units, where that is within what it was taught; or what a
-            baseline is for: for another plant than the leaderboards' its swing-up is computed, in minutes.
+            baseline is designed for. A swing-up for another plant than the leaderboards' takes minutes.
         seed: compute the trajectory, shipped or not, from first torques of this seed.
     """
+    check_destination(to, out, name)
     if to == TRAJECTORY:
-        _export_trajectory(policy, robot, out, plant, seed)
+        _export_trajectory(policy, _needed(robot, policy), out, plant, seed)
         return
     if seed is not None:
         raise SwingupError("--seed goes with --to trajectory: leave it out")
@@ -111,11 +120,9 @@ def export_command(
         raise SwingupError(f"--precision {precision} goes with --to c: leave it out")
     found: TaskPolicy | PendulumPolicy | FeedbackPolicy
     if policy in BASELINES:
-        if robot is None:
-            raise SwingupError(f"{policy} needs a robot: add --robot acrobot or --robot pendubot")
-        if to == "onnx":
-            raise SwingupError(f"{policy} has no network for an onnx graph: use --to c, or a folder")
-        found = feedback_policy(policy, robot, facts_of(plant) or LEADERBOARD)
+        if to not in (*ROBOT_FORMS, "c"):
+            raise SwingupError(f"a baseline is not written for {to}: use --to c, {' or '.join(ROBOT_FORMS)}")
+        found = feedback_policy(policy, _needed(robot, policy), facts_of(plant) or LEADERBOARD)
     else:
         found = load_policy(policy, robot, facts_of(plant))
     zeros = {name: value for name, value in {"zero1": zero1, "zero2": zero2}.items() if value is not None}
@@ -127,6 +134,21 @@ def export_command(
         what = f"{policy} is of {quoted(found.task)}, without zeros and without a guard"
         raise SwingupError(f"{what}: leave its settings out")
     write_export(found, to, out, name, username, precision)
+
+
+def _needed(robot: Robot | None, policy: str) -> Robot:
+    if robot is None:
+        raise SwingupError(f"{policy} needs a robot: add --robot acrobot or --robot pendubot")
+    return robot
+
+
+def check_destination(to: str, out: str, name: str) -> None:
+    """Refuse, before work of minutes, what could not be written after it."""
+    check_export_name(name)
+    if to in FOLDERS:
+        check_new(out)
+    else:
+        check_writable(out)
 
 
 def write_export(
@@ -159,15 +181,12 @@ def _pendulum_notes(policy: PendulumPolicy | FeedbackPolicy, to: str) -> list[st
     return [f"this is the network for the plant {policy.plant.name} alone, without {missing}"]
 
 
-def _export_trajectory(name: str, robot: Robot | None, out: str, plant: PlantOptions, seed: int | None) -> None:
+def _export_trajectory(name: str, robot: Robot, out: str, plant: PlantOptions, seed: int | None) -> None:
     """Write the swing-up that a baseline follows: the shipped one, or one that iterative LQR computes."""
-    problem = TRACKED_PROBLEMS[one_of("baseline that follows a swing-up", name, TRACKED_PROBLEMS)]
-    if robot is None:
-        raise SwingupError("--to trajectory needs a robot: add --robot acrobot or --robot pendubot")
+    problem = PROBLEMS[one_of("baseline that follows a swing-up", name, PROBLEMS)]
     on = facts_of(plant) or LEADERBOARD
     design = design_of(robot, on)
     check_seeds(seed or 0, 1)
-    check_writable(out)
     if design.shipped and seed is None:
         reference, provenance = shipped_reference(robot, problem)
     else:
@@ -258,7 +277,7 @@ def rehearsal_lines(found: Rehearsal) -> list[str]:
     timing = found.timing
     for title, times in {"Call [ms]": timing.calls, "Period [ms]": timing.periods}.items():
         if times:
-            median, percentile, maximum = (f"{1e3 * each:.3f}" for each in spread(times).values())
+            median, percentile, maximum = (f"{1e3 * each:.3f}" for each in spread(times))
             lines.append(aligned(title, median, f"99 % {percentile}, maximum {maximum}"))
     if found.real_time:
         lines.append(aligned("Missed deadlines", str(timing.missed_deadlines), f"of {len(timing.calls)} calls"))

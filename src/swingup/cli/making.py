@@ -16,10 +16,10 @@ from ..common import __version__
 from ..common.arrays import SUFFIX
 from ..common.checks import check_seeds
 from ..common.errors import SwingupError, command_line
-from ..common.files import check_suffix, check_writable
+from ..common.files import check_suffix
 from ..controllers.stack.policy import make_controller
 from ..export.folder import FORMS as FOLDERS
-from ..export.folder import NAME, check_export_name, check_new, cloudpendulum_guard
+from ..export.folder import NAME, cloudpendulum_guard
 from ..identification.identify import Identification, identify
 from ..learner.run import start_or_resume_run
 from ..learner.run_folder import BEST
@@ -39,7 +39,7 @@ from ..refine.transfer import find_policies
 from ..report.log_report import identification_tables, report_identification
 from ..report.page import PAGE_FORMATS, save_log_report
 from .arguments import DomainName, FileName, Names, RobotName, check_outputs, refuse_ignored, word_of
-from .exporting import choose_export_guard, write_export
+from .exporting import check_destination, choose_export_guard, write_export
 from .output import Progress, tell
 from .pendulums import named_values
 from .results import result_lines, show_parts
@@ -99,12 +99,9 @@ def make_controller_command(
     """
     if not sources:
         raise SwingupError("swingup make-controller needs LOG... or PLANT: see swingup make-controller --help")
-    check_export_name(name)
     if to == "c":
         check_suffix(out, HEADERS)
-        check_writable(out)
-    else:
-        check_new(out)
+    check_destination(to, out, name)
     check_outputs(PAGE_FORMATS, page)
     check_seeds(0, seeds)
     path = Path(out).with_suffix("") if to == "c" else Path(out)

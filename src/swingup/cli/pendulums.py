@@ -181,6 +181,7 @@ def excite_command(
         json: print one JSON object.
     """
     check_writable(out)
+    likely = plant or ("C.1" if domain is None else "PLANT")
     found = excite(plant, domain, duration, joint, torque, speed, angle, seed, alone)
     found.save(out)
     if json:
@@ -192,7 +193,7 @@ def excite_command(
         "  largest torque " + ", ".join(f"{u:.3g} of {limit:.3g} N m" for u, limit in torques),
         f"  largest speed {found.speed:.3g} of {found.limits.speed:.3g} rad/s, "
         f"angle {found.angle:.3g} of {found.limits.angle:.3g} rad",
-        f"wrote {out}; would its log tell the parameters? swingup identify --rehearse {plant or 'C.1'} {out}",
+        f"wrote {out}; would its log tell the parameters? swingup identify --rehearse {likely} {out}",
     )
 
 

@@ -225,11 +225,7 @@ def _try_compiled(controller: AbstractController[Any]) -> np.ndarray:
         with errors_named_after("running it"):
             times = jnp.arange(len(states)) * TRIAL_DT
             torques = np.asarray(run_calls(*split(controller), times, jnp.asarray(states)))
-    faulty = np.flatnonzero(~np.isfinite(torques).all(axis=1))
-    if faulty.size:
-        x = np.round(states[faulty[0]], 3).tolist()
-        raise SwingupError(f"its torque is not finite for x = {x}: correct it there")
-    return torques
+    return _finite(states, torques)
 
 
 def _try_plain(controller: PythonController) -> tuple[list[str], np.ndarray]:
@@ -267,41 +263,39 @@ def upright_law(source: Any, robot: Robot, plant: Plant) -> tuple[list[str], lis
     controller = source if isinstance(source, AbstractController | PythonController) else PythonController(source)
     if isinstance(controller, AbstractController) and isinstance(innermost(controller), PolicyController):
         return [], []
-    joint, model = robot.joint, design_model(plant, robot)
+    joint, limit, model = robot.joint, float(plant.limit(robot.joint)), design_model(plant, robot)
     A, B, _ = (each[0] for each in linearised(model, robot, UPRIGHT[None], np.zeros(1)))
+    steps = SMALL_TURN * np.concatenate([np.zeros((1, 4)), np.eye(4), -np.eye(4)])
+    uprights = [UPRIGHT[0], *OTHER_ZEROS.values()]
+    states = np.concatenate([steps + np.array([shoulder, 0, 0, 0]) for shoulder in uprights])
+    try:
+        torques = _first_torques(controller, states)[:, joint].reshape(-1, len(steps))
+    except SwingupError as error:
+        return [str(error)], []
+    laws = (torques[:, 5:] - torques[:, 1:5]) / (2 * SMALL_TURN)
 
-    def law(shoulder: float) -> tuple[float, np.ndarray]:
-        """The torque (N m) and the gains about an upright that stands at this angle."""
-        steps = SMALL_TURN * np.concatenate([np.zeros((1, 4)), np.eye(4), -np.eye(4)])
-        torques = _first_torques(controller, steps + np.array([shoulder, 0.0, 0.0, 0.0]))[:, joint]
-        return float(torques[0]), (torques[5:] - torques[1:5]) / (2 * SMALL_TURN)
+    def poles(gains: np.ndarray) -> np.ndarray:
+        return np.sort_complex(np.linalg.eigvals(A - np.outer(B, gains)))
 
-    def growth(gains: np.ndarray) -> float:
-        return float(np.linalg.eigvals(A - np.outer(B, gains)).real.max())
+    def holding_sign(torque: float, gains: np.ndarray) -> float | None:
+        """The sign with which the gains hold the pendulum, if they do and the torque (N m) rests there."""
+        if abs(torque) > 0.01 * limit or not gains.any():
+            return None
+        return next((sign for sign in (1.0, -1.0) if poles(sign * gains).real.max() < 0), None)
 
-    torque, gains = law(np.pi)
+    sign, *others = map(holding_sign, torques[:, 0], laws)
+    gains, lines = laws[0], [f"at the top its torque is {torques[0, 0]:.3g} N m and has no gains"]
     if gains.any():
-        poles = np.sort_complex(np.linalg.eigvals(A - np.outer(B, gains)))
         shown = ", ".join(
-            f"{pole.real:.3g}{f'{pole.imag:+.3g}i' if abs(pole.imag) > 1e-9 else ''}" for pole in poles
+            f"{pole.real:.3g}{f'{pole.imag:+.3g}i' if abs(pole.imag) > 1e-9 else ''}" for pole in poles(gains)
         )
         lines = [f"at the top u = -K e with K = {np.round(gains, 3).tolist()}; poles {shown} 1/s"]
-    else:
-        lines = [f"at the top its torque is {torque:.3g} N m and has no gains"]
-    rests = gains.any() and abs(torque) <= 0.01 * plant.limit(joint)
-    if rests and growth(gains) < 0:
-        return [], lines
-    if rests and growth(-gains) < 0:
-        return [
-            f"its torque at the top has the wrong sign: u = -K e holds with {np.round(-gains, 3).tolist()}"
-        ], lines
-    for where, zero in OTHER_ZEROS.items():
-        torque, gains = law(zero)
-        if abs(torque) > 0.01 * plant.limit(joint) or not gains.any():
-            continue
-        sign = next((sign for sign in (1.0, -1.0) if growth(sign * gains) < 0), None)
-        if sign is not None:
-            also = " and change its torque's sign" if sign < 0 else ""
+    if sign is not None:
+        wrong = f"its torque at the top has the wrong sign: u = -K e holds with {np.round(-gains, 3).tolist()}"
+        return [wrong] if sign < 0 else [], lines
+    for (where, zero), other in zip(OTHER_ZEROS.items(), others, strict=True):
+        if other is not None:
+            also = " and change its torque's sign" if other < 0 else ""
             return [
                 f"it takes q1 = {zero:.4g} for upright, counted from {where}; here q1 = 0 hangs: give it "
                 f"q1 - {np.pi - zero:.4g}{also}"
@@ -310,9 +304,18 @@ def upright_law(source: Any, robot: Robot, plant: Plant) -> tuple[list[str], lis
 
 
 def _first_torques(controller: AbstractController[Any] | PythonController, states: np.ndarray) -> np.ndarray:
-    """The torques (n, 2) of a first call in each of the states (n, 4)."""
+    """The torques (n, 2) of a first call in each of the states (n, 4); refuses what is not finite."""
     if isinstance(controller, PythonController):
         return np.array([checked_torques(controller.start(), x, 0.0) for x in states])
     with jax.enable_x64(True):
         first = eqx.filter_jit(lambda x: controller(controller.init(), jnp.zeros(()), x)[1])
-        return np.array([first(jnp.asarray(x)) for x in states])
+        return _finite(states, np.array([first(jnp.asarray(x)) for x in states]))
+
+
+def _finite(states: np.ndarray, torques: np.ndarray) -> np.ndarray:
+    """The torques (n, 2) of states (n, 4); those that are not finite are refused."""
+    faulty = np.flatnonzero(~np.isfinite(torques).all(axis=1))
+    if faulty.size:
+        x = np.round(states[faulty[0]], 4).tolist()
+        raise SwingupError(f"its torque is not finite for x = {x}: correct it there")
+    return torques

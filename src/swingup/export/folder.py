@@ -13,7 +13,7 @@ from pathlib import Path
 
 from ..common import __version__
 from ..common.errors import SwingupError, quoted
-from ..common.files import behind_links, write_atomically
+from ..common.files import behind_links, check_writable, write_atomically
 from ..policy.feedback import FILE as LAW_FILE
 from ..policy.feedback import FeedbackPolicy, write_feedback
 from ..policy.file import write_network
@@ -65,10 +65,21 @@ ABOUT = f'"""What a policy needs to run, copied from swingup {__version__} (Apac
 
 def check_new(folder: str | Path) -> Path:
     """The folder behind links, since a move would replace a link; one that holds something is refused."""
-    target = behind_links(folder)
-    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+    try:
+        target = behind_links(folder)
+        taken = target.exists() and (not target.is_dir() or any(target.iterdir()))
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+    if taken:
         raise SwingupError(f"{folder} is there already: name a folder that is new or empty")
+    if not target.exists():
+        check_writable(folder)
     return target
+
+
+def _unwritable(folder: str | Path, error: OSError) -> SwingupError:
+    reason = error.strerror or error
+    return SwingupError(f"cannot write {folder}: {reason}; choose a place that exists and can be written")
 
 
 def export_folder(
@@ -128,10 +139,7 @@ def export_folder(
                 target.rmdir()
             shutil.move(made, target)
     except OSError as error:
-        reason = error.strerror or error
-        raise SwingupError(
-            f"cannot write {folder}: {reason}; choose a place that exists and can be written"
-        ) from error
+        raise _unwritable(folder, error) from error
     return target / entry
 
 
@@ -150,8 +158,8 @@ def cloudpendulum_guard(period: float | None) -> GuardSettings:
 def cloudpendulum_notes(policy: PendulumPolicy | FeedbackPolicy) -> list[str]:
     """What does not fit CloudPendulum's cells in a policy, as sentences."""
     return [
-        f"it may command {limit:g} N m at the {joint}, and CloudPendulum's motors give {CELL_TORQUE:g}: train one "
-        "for its plant"
+        f"it may command {limit:g} N m at the {joint}, and CloudPendulum's motors give {CELL_TORQUE:g}: use one "
+        "that is made for its plant"
         for joint, limit in zip(JOINTS, policy.torque_limits, strict=True)
         if limit > CELL_TORQUE
     ]
@@ -245,20 +253,20 @@ def readme_values(policy: PendulumPolicy) -> dict[str, str]:
 
 def law_values(policy: FeedbackPolicy) -> dict[str, str]:
     """The same of a feedback law."""
-    top = "a linear-quadratic regulator holds it upright"
+    top, kind = "a linear-quadratic regulator holds it upright", f"The optimal-control baseline {policy.name}"
     return {
-        "DESCRIPTION": f"The optimal-control baseline {policy.name}",
+        "DESCRIPTION": kind,
         "ESTIMATOR": "It is shown the measured state.",
-        "KIND": f"The optimal-control baseline {policy.name}",
+        "KIND": kind,
         "LAW": f"{top[0].upper()}{top[1:]}." if policy.swing_up is None else f"It follows a swing-up, then {top}.",
         "METHOD": policy.name,
-        "TORQUE": f"at most {policy.torque_limit:g} N m, on the {JOINTS[policy.robot.joint]} alone",
+        "TORQUE": _torque(policy),
         "RATE": ANY_RATE,
         "ROBOT": policy.robot.name,
     }
 
 
-def _torque(policy: PendulumPolicy) -> str:
+def _torque(policy: PendulumPolicy | FeedbackPolicy) -> str:
     maximum = f"at most {policy.torque_limit:g} N m"
     joint, passive = JOINTS[policy.robot.joint], JOINTS[1 - policy.robot.joint]
     if policy.identifier is None:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import numpy as np
 
 from ..benchmark.board import Case, Result, Run, Setting
 from ..benchmark.boards import SIM2REAL
@@ -18,6 +17,7 @@ from ..benchmark.runner import Progress, run_one
 from ..benchmark.swing_up_board import SwingUpBoard
 from ..common.checks import check_seeds, positive_number
 from ..common.errors import SwingupError
+from ..controllers.check import spread
 from ..controllers.interface import PythonController
 from ..loop.domain import Domain
 from ..loop.resolve import NO_LOOP
@@ -57,20 +57,17 @@ class Rehearsal:
             "guard": self.facts["guard"],
             "stops": list(self.stops),
             "packages": self.facts["packages"],
-            "calls": spread(self.timing.calls),
+            "calls": _summary(self.timing.calls),
             "real_time": self.real_time,
-            "periods": spread(self.timing.periods) if self.real_time else None,
+            "periods": _summary(self.timing.periods) if self.real_time else None,
             "missed_deadlines": self.timing.missed_deadlines if self.real_time else None,
             "late_periods": self.timing.late_periods if self.real_time else None,
         }
 
 
-def spread(seconds: Sequence[float]) -> dict[str, float]:
+def _summary(seconds: Sequence[float]) -> dict[str, float]:
     """Median, 99th percentile and maximum of measured times (s)."""
-    if not seconds:
-        return {}
-    median, percentile = np.percentile(seconds, [50, 99]).tolist()
-    return {"p50": median, "p99": percentile, "maximum": max(seconds)}
+    return dict(zip(("p50", "p99", "maximum"), spread(seconds), strict=True)) if seconds else {}
 
 
 SEEDS = 10  # Runs of a rehearsal; in real time and in a perfect loop it is one

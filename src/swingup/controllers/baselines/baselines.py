@@ -38,7 +38,10 @@ from .upright import (
 EXPORTED = ("lqr", "tvlqr", "tvlqr-score")
 """Those that run without JAX."""
 
-BASELINES = ("lqr", "tvlqr", "ilqr-riccati", "ilqr-mpc", "tvlqr-score")
+PROBLEMS = dict.fromkeys(("tvlqr", "ilqr-riccati", "ilqr-mpc"), "published") | {"tvlqr-score": "score"}
+"""The problem whose swing-up a baseline follows."""
+
+BASELINES = ("lqr", *PROBLEMS)
 """Names of the baselines: the LQR at the top, and controllers that follow a swing-up and end with that LQR.
 
 All settings are the published ones, except those of ``tvlqr-score``, which is ours.
@@ -115,22 +118,17 @@ def baseline(name: str, robot: Robot | str, plant: PlantLike = LEADERBOARD) -> A
     return InOwnUnits(designed, limit, coulomb, design.scales, robot)
 
 
-def _problem(name: str) -> str:
-    """The problem whose swing-up a baseline follows."""
-    return "score" if name == "tvlqr-score" else "published"
-
-
 def _designed(name: str, design: Design) -> AbstractController[Any]:
     """A baseline for the similar pendulum."""
     model, robot, published, optimal = design.model, design.robot, design.published, design.optimal
-    for_score = _problem(name) == "score"
+    for_score = PROBLEMS.get(name) == "score"
     settings = optimal.lqr if for_score else published.lqr
     lqr, friction = upright_lqr(model, robot, settings), passive_friction(design.with_friction, robot)
     top: AbstractController[Any] = holding_regulator(design.with_friction, robot) if friction else lqr
     if name == "lqr":
         return top
     following: AbstractController[Any]
-    reference = design.reference(_problem(name))
+    reference = design.reference(PROBLEMS[name])
     if name == "ilqr-mpc":
         following, threshold = mpc(reference, model, robot, published.mpc), published.mpc_threshold
     elif name == "ilqr-riccati":
@@ -166,7 +164,7 @@ def feedback_policy(name: str, robot: Robot | str, plant: PlantLike = LEADERBOAR
     if isinstance(found, LatchingSwitch):
         following, threshold = found.first, scales.scaled(found.threshold, *STATE)
         assert isinstance(following, TVLQR)
-        if not reaches_upright(design.reference(_problem(name)), design.model):
+        if not reaches_upright(design.reference(PROBLEMS[name]), design.model):
             raise SwingupError(f"the swing-up of {name} does not come up on {facts}: give its motor more torque")
         fit, channels = following.fit, (*STATE, TORQUE, TORQUE, TORQUE, DAMPING, DAMPING)
         starts, ends = (scales.scaled(np.asarray(each), TIME) for each in (fit.starts, fit.ends))
