@@ -106,7 +106,7 @@ class SwingUpBoard(AbstractBoard):
         if setting.domain is None:
             calm = Scenario(setting.nominal, substeps=stable_substeps(setting.nominal, self.dt))
             if setting.disturbance is None:
-                return [Case(calm, {"seed": seed}) for seed in seeds] if self.lean else [Case(calm)]
+                return [Case(calm, {"seed": seed}) for seed in seeds] if self.is_random(setting) else [Case(calm)]
             drawn = [(seed, setting.disturbance.draw(self.dt, self.duration, seed)) for seed in seeds]
             return [
                 Case(replace(calm, disturbance=each), {"seed": seed, "disturbance": disturbance_as_dict(each)})

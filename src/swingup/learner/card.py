@@ -40,9 +40,10 @@ def facts(metadata: Mapping[str, Any]) -> dict[str, str]:
 
 def best_policy(folder: Path) -> dict[str, Any]:
     """The metadata of the best policy in a run's folder."""
-    metadata = read_metadata(folder / BEST)
+    file = folder / BEST
+    metadata = read_metadata(file) if file.exists() else {}
     if not metadata.get("scores"):
-        raise SwingupError(f"{folder / BEST} has no scores: name the folder of a run")
+        raise SwingupError(f"{file} is not there or has no scores: name the folder of a run")
     return metadata
 
 

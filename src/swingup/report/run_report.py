@@ -24,12 +24,12 @@ def curves_part(runs: Sequence[str | Path]) -> Part:
 
 def report_runs(runs: Sequence[str | Path]) -> LogReport:
     """Lay out runs, each in its folder: facts of the best policies, and the learning curves."""
-    files = [_metrics_file(run) for run in runs]
+    files, curves = [_metrics_file(run) for run in runs], curves_part(runs)
     names, found = make_labels(files), [facts(best_policy(file.parent)) for file in files]
     keys = dict.fromkeys(key for each in found for key in each)
     rows = [[key, *(each.get(key, MISSING) for each in found)] for key in keys]
     best = Part("Best policies", "By the score of their evaluations.", [Table(["", *names], rows)])
-    return LogReport(", ".join(names), "Training runs by swingup.", [best, curves_part(files)], pendulums=False)
+    return LogReport(", ".join(names), "Training runs by swingup.", [best, curves], pendulums=False)
 
 
 def _metrics_file(run: str | Path) -> Path:
