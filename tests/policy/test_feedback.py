@@ -7,6 +7,7 @@ import runpy
 import numpy as np
 import pytest
 
+from refusals import refusal
 from swingup.controllers.baselines import baselines
 from swingup.controllers.baselines.baselines import feedback_policy, shipped_reference
 from swingup.controllers.interface import loop_controller
@@ -16,7 +17,7 @@ from swingup.export.folder import export_folder
 from swingup.plant.equations import NUMPY, damped_midpoint_step
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, lump
-from swingup.policy.feedback import feedback_controller
+from swingup.policy.feedback import feedback_controller, read_feedback, write_feedback
 from swingup.policy.guard import GuardSettings
 
 from . import compiled
@@ -95,6 +96,17 @@ def test_a_state_that_is_not_finite_gives_nan(tmp_path):
         np.testing.assert_array_equal(np.isnan(u[:, joint]), [True, False, True, False])
         np.testing.assert_array_equal(u[:, 1 - joint], 0.0)
     assert np.isnan(found(np.zeros(4), np.nan)[joint])
+
+
+def test_a_damaged_file_is_refused(tmp_path):
+    law = feedback_policy("tvlqr", "acrobot")
+    for part, change in {
+        "top": {"gains": np.zeros(3)},
+        "swing_up": {"coefficients": law.swing_up.coefficients[:, :2]},
+    }.items():
+        changed = dataclasses.replace(getattr(law, part), **change)
+        write_feedback(tmp_path / "law", dataclasses.replace(law, **{part: changed}))
+        assert "its numbers are not a law" in refusal(read_feedback, tmp_path / "law")
 
 
 @pytest.mark.parametrize("form", ["realaigym", "cloudpendulum"])

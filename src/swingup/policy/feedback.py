@@ -196,11 +196,19 @@ def read_feedback(path: str | Path) -> FeedbackPolicy:
         plant, held_plant = (read_plant(metadata.get(name), robot) for name in (PLANT, "held_plant"))
         top, swing_up = (_law(kind, arrays) for kind in (TopLaw, SwingUpLaw))
         settings = read_settings(metadata, RegulatorSettings)
-        if (top is None) == (settings is None) or not all(np.isfinite(array).all() for array in arrays.values()):
-            raise SwingupError("its numbers are no law")
-        return FeedbackPolicy(
+        found = FeedbackPolicy(
             str(metadata.get("name")), robot, plant, held_plant, top, swing_up, settings, metadata=metadata
         )
+        try:
+            # Calls upright and hanging meet every array.
+            whole = (top is None) != (settings is None) and np.isfinite(
+                [FeedbackSource(found).act(x, 0.0) for x in (GOAL, 0.0 * GOAL)]
+            ).all()
+        except (ValueError, IndexError):
+            whole = False
+        if not whole:
+            raise SwingupError("its numbers are not a law")
+        return found
 
 
 def _law(kind: Any, arrays: Mapping[str, np.ndarray]) -> Any:

@@ -93,7 +93,7 @@ def task_test(policy: TaskPolicy) -> SelfTest:
     return SelfTest(observations, policy.predict(observations)[0], share)
 
 
-def loop_controller(policy: PendulumPolicy | FeedbackPolicy, guard: GuardChoice = None) -> LoopController[Any]:
+def policy_controller(policy: PendulumPolicy | FeedbackPolicy, guard: GuardChoice = None) -> LoopController[Any]:
     """The controller of a network or of a feedback law."""
     if isinstance(policy, FeedbackPolicy):
         return feedback_controller(policy, guard)
@@ -102,7 +102,7 @@ def loop_controller(policy: PendulumPolicy | FeedbackPolicy, guard: GuardChoice 
 
 def loop_test(policy: PendulumPolicy | FeedbackPolicy) -> SelfTest:
     """A test of a pendulum's controller as it is, with its guard: two runs where it has a memory."""
-    controller, units = loop_controller(policy), np.array(arm_scales(policy.plant).state)
+    controller, units = policy_controller(policy), np.array(arm_scales(policy.plant).state)
     period, tolerance = policy.period or PERIOD, 2 * LOOP_SHARE * np.array(policy.torque_limits)
     if isinstance(policy, PendulumPolicy) and policy.estimator is None and policy.regulator is None:
         starts, calls = np.random.default_rng(0).uniform(-1, 1, (TESTS, 4)) * [math.pi, math.pi, 9.0, 9.0], 1
@@ -138,7 +138,7 @@ def load_tested_controller(folder: Path, robot: Robot | str, guard: GuardChoice)
         policy = read_feedback(law)
     else:
         policy = read_pendulum_policy(folder / "policy.safetensors", robot)
-    test, alone = read_test(folder), loop_controller(replace(policy, guard=None))
+    test, alone = read_test(folder), policy_controller(replace(policy, guard=None))
 
     def answer(x: np.ndarray, call: int) -> np.ndarray:
         if call == 0:
@@ -147,7 +147,7 @@ def load_tested_controller(folder: Path, robot: Robot | str, guard: GuardChoice)
 
     with naming(f"policy in {folder}"):
         test.check(answer)
-    return loop_controller(policy, guard)
+    return policy_controller(policy, guard)
 
 
 def read_test(folder: Path) -> SelfTest:
