@@ -19,6 +19,8 @@ def test_what_is_refused_before_anything_is_made(run, tmp_path):
         "2 files, the first of a plant": ("mine.yml", "a.csv"),
     }
     run("plant C.1 --set tl1=0 tl2=0 --out idle.yml")
+    # Logs that nobody has read yet: the plant to start from says as much.
+    assert "has two motors: name --robot" in refusal(make_controller_command, ("a.csv",), out="policy.h")
     for text, sources in told.items():
         assert text in refusal(make_controller_command, sources, out="policy.h")
     assert "--columns is for logs" in refusal(make_controller_command, ("mine.yml",), out="x.h", columns=("q1=a",))

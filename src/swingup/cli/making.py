@@ -112,7 +112,10 @@ def make_controller_command(
         refuse_ignored(for_logs, f"is for logs, and {sources[0]} is a plant")
         around = resolve(sources[0], domain)
     else:
-        found = _identified(sources, start, set, known, columns, force)
+        measured = named_values("--set", itertools.chain(*set), "m1=0.5")
+        begin = measured_plant(start, measured).plant if measured else (start or START)
+        _the_robot(resolve(begin).nominal_plant, robot)  # Before the minute that a fit takes; it keeps the motors
+        found = _identified(sources, begin, known, columns, force)
         around = resolve(resolve(domain=found.save(path.with_name(f"{path.name}-plant.yml"))), domain)
         if page is not None:
             save_log_report(report_identification(found), page)
@@ -151,11 +154,9 @@ def make_controller_command(
 
 
 def _identified(
-    logs: tuple[str, ...], start: str | None, values: Any, known: tuple[str, ...], columns: Any, force: bool
+    logs: tuple[str, ...], begin: Plant | str, known: tuple[str, ...], columns: Any, force: bool
 ) -> Identification:
     """The pendulum of the logs, shown."""
-    measured = named_values("--set", itertools.chain(*values), "m1=0.5")
-    begin = measured_plant(start, measured).plant if measured else (start or START)
     facts = named_values("--known", known, "m2r2=0.16")
     Progress().log("identifying the pendulum")
     found = identify(logs, (), begin, facts, columns=columns, force=force)
@@ -165,13 +166,16 @@ def _identified(
 
 def _the_robot(plant: Plant, given: Robot | None) -> Robot:
     """The robot that a plant with one motor is, or the one that was named."""
+    if given is not None:
+        plant.needs_motor(given)
+        return given
     able = [each for each in ROBOTS.values() if plant.limit(each.joint) > 0]
-    if given is None and len(able) != 1:
+    if len(able) != 1:
         what = "two motors" if able else "no motor"
         raise SwingupError(
             f"{plant} has {what}: " + ("name --robot acrobot or pendubot" if able else "raise tl1 or tl2")
         )
-    return able[0] if given is None else given
+    return able[0]
 
 
 def _transferred(plant: Plant, robot: Robot, to: str, seed: int) -> list[PendulumPolicy]:
