@@ -19,6 +19,7 @@ from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, lump
 from swingup.policy.feedback import feedback_controller, read_feedback, write_feedback
 from swingup.policy.guard import GuardSettings
+from swingup.rehearsal.process import find_folder
 
 from . import compiled
 
@@ -127,3 +128,4 @@ def test_a_folder_has_the_law_with_its_guard(form, tmp_path):
     assert "The optimal-control baseline lqr" in readme
     assert "@" not in readme
     assert controller.robot.name == "pendubot"
+    assert find_folder(tmp_path / "out").law is not None

@@ -89,7 +89,7 @@ def plant_difference(
     others = f"; {many} more differ by over {100 * LARGE_DIFFERENCE:g} %" if many else ""
     return (
         f"the policy was made for a plant {own}with {name} = {one[name]:.4g}, here it is {other[name]:.4g} "
-        f"({100 * changes[name]:+.0f} % of {more}{others}): train or refine it on this plant"
+        f"({100 * changes[name]:+.0f} % of {more}{others}): train, refine or export it for this plant"
     )
 
 

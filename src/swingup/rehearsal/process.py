@@ -17,6 +17,7 @@ import numpy as np
 
 from ..common.errors import SwingupError, one_line
 from ..export.folder import PACKAGE, ROBOT_FORMS
+from ..policy.feedback import FILE as LAW_FILE
 
 PATTERNS = {form: entry.format(name="*") for form, (entry, _) in ROBOT_FORMS.items()}
 """Forms of exported folders, and the file that each has."""
@@ -31,9 +32,16 @@ class Folder:
 
     @property
     def policy(self) -> Path | None:
-        """The policy file; None where it is not a folder of ours."""
-        name = self.entry.stem.partition("_")[2]
-        file = self.entry.parent / PACKAGE.format(name=name) / "policy.safetensors"
+        """The policy file; None where the folder is not ours, or has a feedback law."""
+        return self._file("policy.safetensors")
+
+    @property
+    def law(self) -> Path | None:
+        """The file of the feedback law; None without one."""
+        return self._file(LAW_FILE)
+
+    def _file(self, name: str) -> Path | None:
+        file = self.entry.parent / PACKAGE.format(name=self.entry.stem.partition("_")[2]) / name
         return file if file.is_file() else None
 
 
