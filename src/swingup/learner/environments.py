@@ -16,7 +16,7 @@ import time
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NoReturn
 
 import gymnasium
 import numpy as np
@@ -151,7 +151,8 @@ class Environments:
         )
         late = np.zeros(self.num_envs, np.bool_)
         if self.stream:
-            _refuse_ends(self._name, terminated, truncated)
+            if terminated.any() or truncated.any():
+                _refuse_end(self._name, bool(terminated.any()))
             late |= np.asarray(returned["infos"].get(LATE, False), np.bool_)
             counted = ~late
         following, true_next = self._around_resets(observations, terminated | truncated, returned["infos"])
@@ -305,18 +306,15 @@ def _makers(env: Any, stream: bool) -> Sequence[Callable[[], Any]] | Callable[[]
     raise SwingupError(f"{type(env).__name__} {one_line(env, 200)} cannot be trained on: use {MAKES_SENSE}")
 
 
-def _refuse_ends(name: str, terminated: Any, truncated: Any) -> None:
-    """Refuse an end of a stream."""
-    if np.any(terminated):
-        raise SwingupError(
-            f"{name} terminated, but is never to be reset: return False, put it back within the step, and take the "
-            "cost from the reward"
-        )
-    if np.any(truncated):
-        raise SwingupError(
-            f"{name} truncated, but is never to be reset: make it without a limit, as "
-            "gymnasium.make(..., max_episode_steps=-1)"
-        )
+def _refuse_end(name: str, terminated: bool) -> NoReturn:
+    """Refuse the end of a stream."""
+    remedy = (
+        "return False, put it back within the step, and take the cost from the reward"
+        if terminated
+        else "make it without a limit, as gymnasium.make(..., max_episode_steps=-1)"
+    )
+    ended = "terminated" if terminated else "truncated"
+    raise SwingupError(f"{name} {ended}, but is never to be reset: {remedy}")
 
 
 def _one(make: Callable[[], Any], stream: bool) -> gymnasium.Env[Any, Any]:
@@ -400,8 +398,8 @@ class CheckedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
         if "step" not in self._checked:
             self._check("step", returned, "(observation, reward, terminated, truncated, info)")
         observation, reward, terminated, truncated, info = returned
-        if self._stream:  # before a vector environment would take note of the end
-            _refuse_ends(one_line(self.env, 100), terminated, truncated)
+        if self._stream and (terminated or truncated):  # before a vector environment would take note of the end
+            _refuse_end(one_line(self.env, 100), terminated)
         kept = {LATE: True} if isinstance(info, Mapping) and info.get(LATE) else {}
         return observation, reward, bool(terminated), bool(truncated), kept
 

@@ -4,6 +4,7 @@ Its evaluator plays episodes in environments of its own; their mean return is th
 """
 
 import contextlib
+import functools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -17,7 +18,7 @@ from jaxtyping import Array, Float
 from ..areapo import algorithm
 from ..areapo.config import Config
 from ..areapo.initial import begin_episodes, init_learner
-from ..areapo.networks import ActionSample, AnyActor, sample_actions
+from ..areapo.networks import AnyActor, sample_actions
 from ..areapo.state import COLLECT, LearnerState, Metrics, Purpose, Rollout, root_key
 from ..areapo.statistics import RunningStatistics
 from ..common.errors import SwingupError
@@ -190,31 +191,41 @@ def collect_on_host(
     state: LearnerState, environments: "Environments | _MadeUp", config: Config
 ) -> tuple[LearnerState, Rollout]:
     """Act for ``num_steps`` in every environment, as :func:`swingup.areapo.algorithm.collect` does."""
-    actor, statistics, seen = state.actor, state.statistics, np.asarray(state.observations)
-    noise = fetch(_noise(actor, state.key, config))
-    chosen = fetch(_sample(actor, seen, noise[0]))
-    rows: list[Rollout] = []
+    seen, noise = np.asarray(state.observations), fetch(_noise(state.actor, state.key, config))
+    # Flat, since a call takes a tenth of a step to take modules apart.
+    actor, shape = jax.tree.flatten(state.actor)
+    statistics, statistics_shape = jax.tree.flatten(state.statistics)
+    shapes = shape, statistics_shape
+    actions, latents, log_probs = fetch(_sample(actor, seen, noise[0], shape))
+    decisions: list[tuple[np.ndarray, ...]] = []
+    steps: list[HostStep] = []
     for index in range(1, config.num_steps + 1):
-        step = environments.step(chosen.actions)
-        if rows and step.late.any():
+        step = environments.step(actions)
+        if steps and step.late.any():
             # What came before is cut off from a state that moved on by itself, as by a reset.
             environments.late_steps += int(np.sum(step.late))
-            rows[-1] = replace(rows[-1], truncated=rows[-1].truncated | step.late)
+            steps[-1].truncated[step.late] = True
         true_next = None if step.true_next is step.following else step.true_next
-        statistics, *answer = _advance(actor, statistics, step.following, true_next, noise[index])
-        following, true_next, following_chosen = fetch(answer)
+        statistics, *answer = _advance(actor, statistics, step.following, true_next, noise[index], shapes)
+        following, true_next, *chosen = fetch(answer)
         true_next = following if true_next is None else true_next
-        rows.append(
-            _row(
-                observations=seen, latents=chosen.latents, log_probs=chosen.log_probs, rewards=step.rewards,
-                next_observations=true_next, terminated=step.terminated, truncated=step.truncated,
-                counted=step.counted,
-            )
-        )  # fmt: skip
-        seen, chosen = following, following_chosen
+        decisions.append((seen, latents, log_probs, true_next))
+        steps.append(step)
+        seen, (actions, latents, log_probs) = following, chosen
+    stack: Any = np.stack  # compiled functions take NumPy's arrays
+    observations, latents, log_probs, next_observations = map(stack, zip(*decisions, strict=True))
+    rewards, terminated, truncated, counted = (
+        stack([getattr(each, name) for each in steps]) for name in ("rewards", "terminated", "truncated", "counted")
+    )
+    rollout = Rollout(
+        observations, latents, log_probs, rewards, next_observations, terminated, truncated,
+        None if environments.all_count else counted.astype(np.float32),
+    )  # fmt: skip
     # The last decision is dropped: the next rollout decides with its own key and the improved actor.
-    after = replace(state, statistics=statistics, observations=jnp.asarray(seen))
-    return after, _stacked(rows, environments.all_count)
+    after = replace(
+        state, statistics=jax.tree.unflatten(statistics_shape, statistics), observations=jnp.asarray(seen)
+    )
+    return after, rollout
 
 
 class _MadeUp:
@@ -232,18 +243,6 @@ class _MadeUp:
         return HostStep(following, true_next, np.zeros(self._count, np.float32), no, no, ~no, no)
 
 
-def _row(**fields: Any) -> Rollout:
-    """A step of all environments, in NumPy's arrays."""
-    return Rollout(**fields)
-
-
-def _stacked(steps: list[Rollout], all_count: bool) -> Rollout:
-    """Stack the steps; compiled functions take NumPy's arrays."""
-    rollout = jax.tree.map(lambda *leaves: np.stack(leaves), *steps)
-    counted = None if all_count else np.asarray(rollout.counted, np.float32)
-    return replace(rollout, counted=counted)
-
-
 @jax.jit
 def _noise(actor: AnyActor, key: Key, config: Config) -> Float[Array, "decisions k envs"]:
     """The noise of all decisions of a rollout: drawn at each step, it would take a quarter of the step's call."""
@@ -251,27 +250,36 @@ def _noise(actor: AnyActor, key: Key, config: Config) -> Float[Array, "decisions
     return jax.vmap(lambda each: actor.noise(each, (config.num_envs,)))(keys)
 
 
-@jax.jit
+@functools.partial(jax.jit, static_argnames="shape")
+def _sample(
+    actor: Sequence[Array], seen: Float[Array, "envs n"], noise: Float[Array, "k envs"], shape: Any
+) -> tuple[Array, Array, Array]:
+    """Actions, latents and log-probabilities for normalised observations."""
+    chosen = sample_actions(jax.tree.unflatten(shape, actor), seen, noise)
+    return chosen.actions, chosen.latents, chosen.log_probs
+
+
+@functools.partial(jax.jit, static_argnames="shapes")
 def _advance(
-    actor: AnyActor,
-    statistics: RunningStatistics,
+    actor: Sequence[Array],
+    statistics: Sequence[Array],
     following: Float[Array, "envs n"],
     true_next: Float[Array, "envs n"] | None,
     noise: Float[Array, "k envs"],
-) -> tuple[RunningStatistics, Float[Array, "envs n"], Float[Array, "envs n"] | None, ActionSample]:
+    shapes: Any,
+) -> tuple[Any, ...]:
     """Update the statistics with a step's observations and sample the next actions; one call saves overhead.
 
     True next observations of None, where no episode ended, stay None: they are the following ones.
     """
-    statistics = statistics.update(following)
-    normalise = statistics.stage()
+    updated: RunningStatistics = jax.tree.unflatten(shapes[1], statistics).update(following)
+    normalise = updated.stage()
     seen, seen_next = normalise(following), None if true_next is None else normalise(true_next)
-    return statistics, seen, seen_next, sample_actions(actor, seen, noise)
+    return jax.tree.leaves(updated), seen, seen_next, *_sample(actor, seen, noise, shapes[0])
 
 
 _begin = jax.jit(begin_episodes)
 _init = jax.jit(init_learner, static_argnames="spaces")
-_sample = jax.jit(sample_actions)
 _update = jax.jit(algorithm.update)
 
 
