@@ -1,7 +1,7 @@
 """The continuing MuJoCo tasks: reward rates while training, beside published ones of PPO.
 
 Usage: python benchmarks/continuing.py [TASK ...] [--frames 1000000] [--seeds 1] [--first-seed 2] [--study FILE]
-[--reset-cost 10] [--stream] [--claims]
+[--reset-cost 10] [--stream] [--claims] [--plot FILE]
 
 TASK is a name of `swingup.continuing.CONTINUING`, such as Ant; default: all ten. Needs swingup[mujoco].
 
@@ -16,7 +16,8 @@ Prints a table in Markdown. "Ours" is the mean rate over all steps, as in the ta
 
 With another cost of a reset the published figures do not compare. `--claims` also trains every change of `CHANGES`
 with the same seeds, and prints a verdict on each claim: how much of the way from random actions to centred PPO a
-run loses with the change.
+run loses with the change. `--plot` draws these tasks with average reward and discounted, beside the acrobot of
+`ablations.py`.
 """
 
 import argparse
@@ -28,7 +29,7 @@ from typing import Any, NamedTuple
 import gymnasium
 import numpy as np
 from scipy.stats import ttest_1samp
-from study import Curve, Study, verdict
+from study import Curve, Study, draw, smooth, verdict
 
 from swingup import AREAPO
 from swingup.continuing import CONTINUING
@@ -147,6 +148,7 @@ def main() -> None:
     parser.add_argument("--reset-cost", type=float, default=10.0)
     parser.add_argument("--stream", action="store_true")
     parser.add_argument("--claims", action="store_true")
+    parser.add_argument("--plot", type=Path)
     options = parser.parse_args()
     usual = options.reset_cost == 10.0
     cost = {} if usual else {"reset_cost": options.reset_cost}
@@ -181,6 +183,16 @@ def main() -> None:
         for task in options.tasks:
             with_it, without = shares(task, study.of(task, *base)), shares(task, study.of(task, *base, name))
             print(f"| {task} | {verdict(with_it, without, RELEVANT)} |")
+    if options.plot:
+        acrobot = Study(options.study.with_name("ablations.jsonl"))
+        runs = {"swing-up of the acrobot": (acrobot.of("default"), acrobot.of("discounted"))}
+        runs |= {task: (study.of(task, *base), study.of(task, *base, "discounted")) for task in options.tasks}
+        names = "average reward", "discounted (γ = 0.99)"
+        panels = {
+            title: {name: smooth(of, 9) for name, of in zip(names, both, strict=True)}
+            for title, both in runs.items()
+        }
+        draw(options.plot, panels, ["RealAI score", *["reward rate while training"] * len(options.tasks)])
 
 
 if __name__ == "__main__":
