@@ -174,3 +174,17 @@ def test_an_end_at_a_goal_costs_nothing(steps, last, free):
     expected = rewards - cost * ended if free is None else np.where(ended, free, rewards)
     np.testing.assert_allclose(charged.rewards, expected, rtol=1e-6)
     assert (float(after.reset_cost) < 3.0) == (free is not None)  # only failures raise the cost of the next
+
+
+@pytest.mark.parametrize("terminations", ["adaptive_cost", "reset_cost"])
+def test_a_goal_is_what_the_environment_calls_one(terminations):
+    """Of two ends, one at a high reward that would be taken for a goal, only the other is a success."""
+    config = dataclasses.replace(CONFIG, terminations=terminations)
+    state = init(jax.random.key(0), Trap(), config)
+    nothing, ended, goals = np.zeros((4, 2), np.float32), np.zeros((4, 2), bool), np.zeros((4, 2), bool)
+    ended[3] = goals[3, 1] = True
+    rewards = np.float32([[0.0, 1.0], [2.0, 1.0], [0.0, 1.0], [50.0, 1.0]])
+    rollout = Rollout(nothing, nothing, nothing, rewards, nothing, ended, nothing > 0, goals=goals)
+    _, charged, cost = charge(state, rollout, config)
+    assert float(cost) > 1.0
+    np.testing.assert_allclose(charged.rewards, rewards - cost * (ended & ~goals), rtol=1e-6)

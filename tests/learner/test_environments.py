@@ -55,6 +55,28 @@ def test_next_step_spends_a_row_on_the_reset(kind):
     assert shown(kind([Stairs] * 2, autoreset_mode=AutoresetMode.NEXT_STEP)) == [0.0, *episode, reset, *episode]
 
 
+class Reached(Stairs):
+    """Of two of these, one calls its end a success."""
+
+    made = 0
+
+    def __init__(self):
+        super().__init__()
+        Reached.made, self.reaches = Reached.made + 1, Reached.made % 2 == 0
+
+    def step(self, action):
+        return *super().step(action)[:4], {"is_success": self.reaches and self.steps == 3, "unread": object()}
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_successes_are_those_of_the_ends(mode):
+    environments = make_environments(SyncVectorEnv([Reached] * 2, autoreset_mode=mode), 2)
+    environments.reset(0)
+    steps = [environments.step(ZEROS).goals.tolist() for _ in range(4)]
+    assert steps == [[False, False], [False, False], [True, False], [False, False]]
+    assert (environments.successes, environments.names_goals) == ([True, False], True)
+
+
 def test_actions_are_those_of_the_space():
     actions = space_actions(Box(np.array([-2.0, 0.0], np.float32), np.array([2.0, 1.0], np.float32)))
     found = actions(np.array([[-1.0, -1.0], [0.0, 0.0], [1.0, 1.0], [0.5, 0.5]]))

@@ -34,12 +34,12 @@ def charge_resets(state: LearnerState, rollout: Rollout, config: Config) -> tupl
 
     A fixed cost is in units of the reward, as in arXiv 2501.06937's continuing MuJoCo tasks. An adaptive cost is in
     deviations of the task's rewards so far: neither their unit nor a constant in them changes what it means. It
-    falls due for failures alone: a goal that cost something would not be reached. With any other meaning of a
-    termination nothing changes.
+    falls due for failures alone: a goal that cost something would not be reached. A fixed one spares the goals that
+    the environment names. With any other meaning of a termination nothing changes.
     """
     goals, free = reached_goals(rollout)
     if config.terminations == "reset_cost":
-        cost, goals = state.reset_cost, jnp.zeros_like(goals)
+        cost, goals = state.reset_cost, jnp.zeros_like(goals) if rollout.goals is None else goals
     elif config.terminations == "adaptive_cost":
         seen = state.task_rewards.update_all(rollout.rewards, rollout.counted)
         cost = state.reset_cost * deviation(seen)
@@ -55,8 +55,8 @@ def charge_resets(state: LearnerState, rollout: Rollout, config: Config) -> tupl
 def reached_goals(rollout: Rollout) -> tuple[Bool[Array, "steps envs"], Float[Array, "steps envs"]]:
     """Which terminations are a success, and the reward that each then has.
 
-    A success earns far more than the other steps. Or every step costs the same, also the last one: then an end
-    saves what further steps would cost, and to say so, the last one is made free.
+    The environment says so; or else a success earns far more than the other steps. Or every step costs the same,
+    also the last one: then an end saves what further steps would cost, and to say so, the last one is made free.
     """
     counted = jnp.ones_like(rollout.rewards) if rollout.counted is None else rollout.counted
     others = counted * (1.0 - rollout.terminated)
@@ -65,7 +65,8 @@ def reached_goals(rollout: Rollout) -> tuple[Bool[Array, "steps envs"], Float[Ar
     rounding = MIN_RELATIVE_DEVIATION * jnp.abs(typical)
     higher = gains > GOAL_DEVIATIONS * jnp.sqrt(mean(gains**2, others)) + rounding
     alike = (typical < 0.0) & jnp.all(counted * jnp.abs(gains) <= rounding)
-    return rollout.terminated & (higher | alike), jnp.where(alike, 0.0, rollout.rewards)
+    goals = higher | alike if rollout.goals is None else rollout.goals
+    return rollout.terminated & goals, jnp.where(alike, 0.0, rollout.rewards)
 
 
 def adapted_cost(cost: Scalar, rate: Scalar, frames: int) -> Scalar:

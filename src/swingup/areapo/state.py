@@ -76,6 +76,8 @@ class Rollout(eqx.Module):
     truncated: Bool[Array, "steps envs"]
     counted: Float[Array, "steps envs"] | None = None
     """0 for a row in which an environment only reset itself, or an action came late, else 1; None: all count."""
+    goals: Bool[Array, "steps envs"] | None = None
+    """Ends that the environments themselves call a success; None where they do not say."""
 
 
 class Frames(eqx.Module):

@@ -41,6 +41,7 @@ STEP = ("observations", "rewards", "terminated", "truncated", "infos")  # What G
 PATIENCE = 60.0  # How long the workers of an AsyncVectorEnv may take for a step or a reset (s)
 
 LATE = "late"  # Entry of a stream's info: whether the state had moved on before this step's action came
+SUCCESS = "is_success"  # Entry of a step's info by which environments with a goal say that it is reached
 OWN_RESETS = "own_resets"  # Attribute of continuing tasks: the resets that they made themselves, without an end
 
 RUNNING: dict[int, Float32[np.ndarray, "envs n"]] = {}
@@ -59,6 +60,7 @@ class HostStep:
     truncated: Bool[np.ndarray, "envs"]
     counted: Bool[np.ndarray, "envs"]  # False where the environment did nothing but reset itself, or was late
     late: Bool[np.ndarray, "envs"]  # Whether a stream had moved on before the step
+    goals: Bool[np.ndarray, "envs"]  # Ends that an environment calls a success
 
     @property
     def ended(self) -> Bool[np.ndarray, "envs"]:
@@ -107,6 +109,9 @@ class Environments:
         self._env, self._mode, self._name, self._lent = env, mode, name, lent
         self.episodes: list[tuple[float, int]] = []
         """Return and length of each episode that ended since the last reset; who reads them may clear them."""
+        self.successes: list[bool] = []
+        """Whether it was a success, of each episode whose environment says so; likewise."""
+        self.names_goals = False  # Whether an environment ever said whether an end is a success
         self.steps = 0  # So far
         self.late_steps = 0  # Of a stream, within rollouts; who reads the number may set it to 0
         self.longest_pause = 0.0  # Between an answer and the next actions (s); who reads it may set it to 0
@@ -133,6 +138,7 @@ class Environments:
         self._resetting = np.zeros(self.num_envs, np.bool_)
         self._returns, self._lengths = np.zeros(self.num_envs), np.zeros(self.num_envs, np.int64)
         self.episodes.clear()
+        self.successes.clear()
 
     def step(self, actions: Shaped[np.ndarray, "envs m"]) -> HostStep:
         """Take the policy's actions in all environments."""
@@ -157,7 +163,8 @@ class Environments:
             counted = ~late
         following, true_next = self._around_resets(observations, terminated | truncated, returned["infos"])
         rewards = np.where(counted, rewards, np.float32(0.0))
-        step = HostStep(following, true_next, rewards, terminated, truncated, counted, late)
+        goals = self._goals(terminated | truncated, returned["infos"])
+        step = HostStep(following, true_next, rewards, terminated, truncated, counted, late, goals)
         self._returns += step.rewards
         self._lengths += step.counted
         for index in np.flatnonzero(step.ended):
@@ -169,6 +176,17 @@ class Environments:
         """Close the environments, unless their owner does."""
         if not self._lent:
             self._env.close()
+
+    def _goals(self, ended: Bool[np.ndarray, "envs"], infos: Any) -> Bool[np.ndarray, "envs"]:
+        """Which ends the environments call a success."""
+        goals = np.zeros(self.num_envs, np.bool_)
+        if ended.any() and isinstance(infos, Mapping):
+            told = infos.get("final_info", infos)
+            if isinstance(told, Mapping) and SUCCESS in told:
+                goals = ended & self._array(SUCCESS, told[SUCCESS], ended.shape, "biuf").astype(np.bool_)
+                self.successes += goals[ended].tolist()
+                self.names_goals = True
+        return goals
 
     def _around_resets(
         self, seen: Float32[np.ndarray, "envs n"], ended: Bool[np.ndarray, "envs"], infos: Any
@@ -366,7 +384,8 @@ class CheckedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     Gymnasium's own ``PassiveEnvChecker``, which ``gymnasium.make`` adds, only warns of a wrong form, and also of
     observations that train well. Later steps are checked together, for their shapes and for numbers that are not
-    finite. Infos keep ``late`` alone: nobody reads the rest, and to merge those of several costs a tenth of a step.
+    finite. Infos keep ``late``, and ``is_success`` at an end: nobody reads the rest, and to merge those of several
+    costs a tenth of a step.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], stream: bool = False) -> None:
@@ -393,7 +412,7 @@ class CheckedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
         return returned[0], {}
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """The environment's step, of whose infos only ``late`` is kept."""
+        """The environment's step, of whose infos only what is read is kept."""
         returned: Any = self.env.step(action)
         if "step" not in self._checked:
             self._check("step", returned, "(observation, reward, terminated, truncated, info)")
@@ -401,6 +420,8 @@ class CheckedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
         if self._stream and (terminated or truncated):  # before a vector environment would take note of the end
             _refuse_end(one_line(self.env, 100), terminated)
         kept = {LATE: True} if isinstance(info, Mapping) and info.get(LATE) else {}
+        if (terminated or truncated) and isinstance(info, Mapping) and SUCCESS in info:
+            kept[SUCCESS] = bool(info[SUCCESS])
         return observation, reward, bool(terminated), bool(truncated), kept
 
     def _check(self, method: str, returned: Any, form: str) -> None:

@@ -150,6 +150,7 @@ class HostBackend(AbstractBackend):
         resets_before = [each.own_resets for each in self._environments]
         for each in self._environments:
             each.episodes.clear()
+            each.successes.clear()
             each.late_steps, each.longest_pause = 0, 0.0
         for iteration in range(iterations):
             if iteration and stopping():
@@ -167,12 +168,15 @@ class HostBackend(AbstractBackend):
             ended = [float(np.mean(each)) for each in zip(*environments.episodes, strict=True)]
             episode_return, length = ended or (None, None)
             means = replace(means, termination_rate=resets)
-            host = HostMetrics(episode_return, length, environments.longest_pause, environments.late_steps)
+            success = float(np.mean(environments.successes)) if environments.successes else None
+            pauses = environments.longest_pause, environments.late_steps
+            host = HostMetrics(episode_return, length, success, *pauses)
             found.append(TrainingMetrics(means, host))
             # The rates are those of all steps since the last report, also of episodes that go on.
             reward = float(means.reward)
             score = reward if environments.endless else episode_return
-            self._training_results.append(make_evaluation(score, length, reward, resets, environments.step_time))
+            result = make_evaluation(score, length, reward, resets, environments.step_time)
+            self._training_results.append(replace(result, success_rate=success))
         return join_seeds(members), found
 
     def evaluate(self, policies: Sequence[Policy[Any]]) -> list[Evaluation]:
@@ -214,12 +218,13 @@ def collect_on_host(
         seen, (actions, latents, log_probs) = following, chosen
     stack: Any = np.stack  # compiled functions take NumPy's arrays
     observations, latents, log_probs, next_observations = map(stack, zip(*decisions, strict=True))
-    rewards, terminated, truncated, counted = (
-        stack([getattr(each, name) for each in steps]) for name in ("rewards", "terminated", "truncated", "counted")
+    names = "rewards", "terminated", "truncated", "counted", "goals"
+    rewards, terminated, truncated, counted, goals = (
+        stack([getattr(each, name) for each in steps]) for name in names
     )
     rollout = Rollout(
         observations, latents, log_probs, rewards, next_observations, terminated, truncated,
-        None if environments.all_count else counted.astype(np.float32),
+        None if environments.all_count else counted.astype(np.float32), goals if environments.names_goals else None,
     )  # fmt: skip
     # The last decision is dropped: the next rollout decides with its own key and the improved actor.
     after = replace(
@@ -233,6 +238,7 @@ class _MadeUp:
 
     def __init__(self, environments: Environments) -> None:
         self.all_count, self.late_steps, self._count = environments.all_count, 0, environments.num_envs
+        self.names_goals = environments.names_goals
         self._size, self._steps = environments.spaces.observation_size, 0
 
     def step(self, actions: Any) -> HostStep:
@@ -240,7 +246,7 @@ class _MadeUp:
         following, no = np.zeros((self._count, self._size), np.float32), np.zeros(self._count, np.bool_)
         # Two programs, without and with a reset.
         true_next = following if self._steps % 2 else following.copy()
-        return HostStep(following, true_next, np.zeros(self._count, np.float32), no, no, ~no, no)
+        return HostStep(following, true_next, np.zeros(self._count, np.float32), no, no, ~no, no, no)
 
 
 @jax.jit
@@ -308,6 +314,7 @@ def evaluate_episodes(policy: Policy[Any], environments: Environments, seed: int
     observations, network = environments.reset(seed), network_of(policy)
     running = np.ones(environments.num_envs, np.bool_)
     returns, lengths = np.zeros(running.size), np.zeros(running.size, np.int64)
+    reached = 0
     terminations = -environments.own_resets
     for _ in range(EPISODE_STEPS):
         actions, choices = act(policy, observations), network.choices
@@ -318,10 +325,13 @@ def evaluate_episodes(policy: Policy[Any], environments: Environments, seed: int
         returns += running * step.rewards
         lengths += running
         terminations += int(np.sum(running & step.terminated))
+        reached += int(np.sum(running & step.goals))
         running &= ~step.ended
         observations = step.following
         if not running.any():
             break
     terminations += environments.own_resets
     result = summarise_episodes(returns.tolist(), lengths.tolist(), terminations, environments.step_time)
+    if environments.names_goals:
+        result = replace(result, success_rate=reached / running.size)
     return replace(result, score=result.reward_rate) if environments.endless else result

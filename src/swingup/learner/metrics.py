@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 METRICS_FILE = "metrics.jsonl"
 REWARD_RATE, REWARD_PER_SECOND = "reward_rate", "reward_per_second"
 RESETS = "resets_per_1000_steps"
+SUCCESS_RATE = "success_rate"
+OPTIONAL = REWARD_PER_SECOND, SUCCESS_RATE  # Entries of an evaluation that a task without them leaves out
 
 MISSING = "–"  # Shown where a number was not recorded
 
@@ -45,6 +47,7 @@ class Evaluation:
     resets_per_1000_steps: float | None = None  # Terminations of the task itself
     reward_per_second: float | None = None
     """Reward rate over the time of a step; None where a step has no known time."""
+    success_rate: float | None = None  # Share of the episodes that end as a success; None where the task names none
     criteria: "Criteria | None" = None  # What a robot's swing-up is judged by, in place of all but the score
 
     def as_dict(self) -> dict[str, Any]:
@@ -52,7 +55,7 @@ class Evaluation:
         if self.criteria is not None:
             return dataclasses.asdict(self.criteria)
         values = {name: value for name, value in vars(self).items() if name != "criteria"}
-        return {name: value for name, value in values.items() if name != REWARD_PER_SECOND or value is not None}
+        return {name: value for name, value in values.items() if name not in OPTIONAL or value is not None}
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,7 @@ class HostMetrics:
 
     episode_return: float | None  # Mean return of the episodes that ended; None where none ended
     episode_length: float | None  # Their mean length (steps)
+    episode_success: float | None  # Share of successes; None where the environments do not say
     longest_pause: float  # Longest time between an answer of the environments and the next actions (s)
     late_steps: int  # Steps of a stream that came too late, not counting the first after an update
 

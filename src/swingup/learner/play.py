@@ -17,9 +17,7 @@ from ..policy.pendulum import PendulumPolicy
 from ..policy.policy import Policy
 from ..tasks.task import space_actions
 from .backend import EPISODE_STEPS, EPISODES, check_actions
-from .environments import OWN_RESETS
-
-SUCCESS = "is_success"  # Entry of a step's info by which environments with a goal say that it is reached
+from .environments import OWN_RESETS, SUCCESS
 
 
 @dataclass(frozen=True)

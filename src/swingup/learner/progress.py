@@ -114,8 +114,10 @@ class TrainingReport:
 
     def __str__(self) -> str:
         row = self.best
+        rate = row.evaluation.success_rate
+        success = "" if rate is None else f"successes {rate:.0%}, "
         return (
             f"{self.frames:,} frames, {self.frames_per_second:.0f}/s, reward {shown_rate(row.reward)}, "
             f"gain {shown_rate(row.gain)}, resets per 1,000 steps {shown_rate(row.resets_per_1000_steps)}, "
-            f"score {shown_rate(row.score)}, best {shown_rate(self.best_score)}"
+            f"{success}score {shown_rate(row.score)}, best {shown_rate(self.best_score)}"
         )
