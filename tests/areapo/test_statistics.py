@@ -64,7 +64,7 @@ def test_the_unit_is_the_deviation_of_fading_sums():
 
 
 def test_without_gains_rewards_are_centred_and_an_end_has_the_value_of_nothing():
-    """Two rollouts of one frame each, γ = 0.5; 1 / (1 - γ) = 2."""
+    """Two rollouts of two frames each, γ = 0.5, λ = 0.8; 1 / (1 - γ) = 2. The unit counts what an end loses."""
     sizes = {"num_envs": 1, "num_steps": 2, "batch_size": 2, "normalise_rewards": True}
     config = dataclasses.replace(CONFIG, **sizes, gain="none", terminations="end", discount=(0.5, 0.5))
     state = init(jax.random.key(0), Walk(), config)
@@ -75,14 +75,16 @@ def test_without_gains_rewards_are_centred_and_an_end_has_the_value_of_nothing()
 
     # An end at a goal, far above the other step, is as good as to go on.
     np.testing.assert_allclose(scaled(state, [[2.0], [4.0]])[1].rewards, [[-1.0], [1.0]], rtol=1e-6)
-    # Mean 3 and deviation 1: 1 and -1, and the end is 3 · 0.5 · 2 = 3 deviations worse than to go on for ever.
+    # Mean 3: 1 and -1, and the end is 3 · 0.5 · 2 = 3 worse than to go on for ever. About their mean of -1.5 these
+    # are 2.5 and -2.5; their fading sums 2.5 and -2.5 + 0.4 · 2.5 = -1.5 have the deviation 2.
     state, rollout = scaled(state, [[4.0], [2.0]])
-    np.testing.assert_allclose(rollout.rewards, [[1.0], [-1.0 - 3.0]], rtol=1e-6)
-    # All four: mean 5, deviation √5. A centred value loses (5 - 3) · 2 / √5.
+    np.testing.assert_allclose(rollout.rewards, np.array([[1.0], [-1.0 - 3.0]]) / 2.0, rtol=1e-6)
+    # All four: mean 5. The new sums are 3.5 and -2.1. A centred value loses (5 - 3) · 2.
     after, rollout = scaled(state, [[8.0], [6.0]])
-    np.testing.assert_allclose(rollout.rewards, np.array([[3.0], [1.0 - 5.0]]) / 5**0.5, rtol=1e-6)
-    heads, units = state.critic.heads, np.array([5**0.5, 1.0])
-    np.testing.assert_allclose(after.critic.heads.bias, heads.bias / units - np.array([4 / 5**0.5, 0.0]), rtol=1e-6)
+    unit = np.std([2.5, -1.5, 3.5, -2.1])
+    np.testing.assert_allclose(rollout.rewards, np.array([[3.0], [1.0 - 5.0]]) / unit, rtol=1e-6)
+    heads, units = state.critic.heads, np.array([unit / 2.0, 1.0])
+    np.testing.assert_allclose(after.critic.heads.bias, heads.bias / units - np.array([4 / unit, 0.0]), rtol=1e-6)
     np.testing.assert_allclose(after.critic.heads.weight, heads.weight / units[:, None], rtol=1e-6)
 
 

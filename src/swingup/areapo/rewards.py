@@ -125,29 +125,31 @@ def scale_rewards(state: LearnerState, rollout: Rollout, config: Config) -> tupl
 
     Without gains discounted values would have to reach m / (1 - γ) (reward centring, arXiv 2405.09999). ρ and v
     change with σ and m, so that they stay what they were in the task's units. ρ_H and v_H are in units of σ, as
-    the temperature is. Beside centred values an end of the task has the value -m / (1 - γ).
+    the temperature is. Beside centred values an end of the task has the value -m / (1 - γ), which counts in σ:
+    in units of a reward's deviation it was a hundred times larger, and its loss ruled the gradients' joint norm.
     """
     if not config.normalise_rewards:
         return state, rollout
     old, former = state.reward_statistics, reward_unit(state)
     new = old.update_all(rollout.rewards, rollout.counted)
-    sums = state.sum_statistics.update_all(decayed_sums(rollout, config), rollout.counted)
-    state = replace(state, reward_statistics=new, sum_statistics=sums)
-    # Before the first reward there is no unit: an untrained critic's values are in units of σ, whatever that is.
-    unit, known = reward_unit(state), old.count > 0
-    ratio, rewards, shift = jnp.where(known, former / unit, 1.0), rollout.rewards, jnp.zeros(())
-    if config.gain == "none":
+    if without_gain := config.gain == "none":
         forever = 1.0 / (1.0 - jnp.asarray(config.discount[0]))
-        shift = jnp.where(known, forever * (new.mean - old.mean) / unit, 0.0)
-        rewards = rewards - new.mean
+        rewards = rollout.rewards - new.mean
         if config.terminations == "end":
             # Where rewards have a positive mean, to end at a goal is as good as to go on: its constant is no loss.
             lost = rollout.terminated & ~(reached_goals(rollout)[0] & (new.mean > 0.0))
             rewards = rewards - lost * (forever - 1.0) * new.mean  # γ / (1 - γ) = 1 / (1 - γ) - 1
+        rollout = replace(rollout, rewards=rewards)
+    sums = state.sum_statistics.update_all(decayed_sums(rollout, config), rollout.counted)
+    state = replace(state, reward_statistics=new, sum_statistics=sums)
+    # Before the first reward there is no unit: an untrained critic's values are in units of σ, whatever that is.
+    unit, known = reward_unit(state), old.count > 0
+    ratio = jnp.where(known, former / unit, 1.0)
+    shift = jnp.where(known, forever * (new.mean - old.mean) / unit, 0.0) if without_gain else jnp.zeros(())
     pair = jnp.stack([ratio, jnp.ones(())])
     critic = state.critic.with_values(pair, jnp.stack([shift, jnp.zeros(())]))
     state = replace(state, critic=critic, gains=state.gains * pair)
-    return state, replace(rollout, rewards=rewards / unit)
+    return state, replace(rollout, rewards=rollout.rewards / unit)
 
 
 def decayed_sums(rollout: Rollout, config: Config) -> Float[Array, "steps envs"]:
