@@ -290,6 +290,8 @@ def upright_law(source: Any, robot: Robot, plant: Plant) -> tuple[list[str], lis
             f"{pole.real:.3g}{f'{pole.imag:+.3g}i' if abs(pole.imag) > 1e-9 else ''}" for pole in poles(gains)
         )
         lines = [f"at the top u = -K e with K = {np.round(gains, 3).tolist()}; poles {shown} 1/s"]
+        if sign is None:
+            lines.append("these poles leave out Coulomb friction, which may hold it: --board balance tells")
     if sign is not None:
         wrong = f"its torque at the top has the wrong sign: u = -K e holds with {np.round(-gains, 3).tolist()}"
         return [wrong] if sign < 0 else [], lines
