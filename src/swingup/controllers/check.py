@@ -290,8 +290,6 @@ def upright_law(source: Any, robot: Robot, plant: Plant) -> tuple[list[str], lis
             f"{pole.real:.3g}{f'{pole.imag:+.3g}i' if abs(pole.imag) > 1e-9 else ''}" for pole in poles(gains)
         )
         lines = [f"at the top u = -K e with K = {np.round(gains, 3).tolist()}; poles {shown} 1/s"]
-        if sign is None:
-            lines.append("these poles leave out Coulomb friction, which may hold it: --board balance tells")
     if sign is not None:
         wrong = f"its torque at the top has the wrong sign: u = -K e holds with {np.round(-gains, 3).tolist()}"
         return [wrong] if sign < 0 else [], lines
@@ -302,6 +300,8 @@ def upright_law(source: Any, robot: Robot, plant: Plant) -> tuple[list[str], lis
                 f"it takes q1 = {zero:.4g} for upright, counted from {where}; here q1 = 0 hangs: give it "
                 f"q1 - {np.pi - zero:.4g}{also}"
             ], lines
+    if gains.any():
+        lines.append("these poles leave out Coulomb friction, which may hold it: --board balance tells")
     return [], lines
 
 
