@@ -12,7 +12,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from ..common import cores
+from ..common import DISPATCH, cores
 from ..common.errors import SwingupError, errors_named_after, naming
 from ..common.types import Count, State
 from ..controllers.baselines.upright import AbstractExpensiveController
@@ -179,7 +179,8 @@ def _run_compiled(
 
     def run(part: np.ndarray) -> _Result:
         with jax.enable_x64(True), errors_named_after("running it"):  # 64 bits are a setting of the thread
-            result = _simulate(jax.tree.map(lambda leaf: leaf[part], scenarios), arrays, static, span)
+            with DISPATCH:
+                result = _simulate(jax.tree.map(lambda leaf: leaf[part], scenarios), arrays, static, span)
             # Converted in this thread: the call above returns before its result is computed.
             return jax.tree.map(np.asarray, result)
 

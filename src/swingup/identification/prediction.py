@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..common import cores
+from ..common import DISPATCH, cores
 from ..dynamics.integrate import implicit_step
 from ..plant.base_parameters import BASE_NAMES, Geometry, base_parameters, friction_of, geometry_of, lumped
 from ..plant.equations import COULOMB_STEEPNESS
@@ -109,7 +109,7 @@ def in_chunks(size: int, count: int, run: Callable[[np.ndarray], Any]) -> list[n
 
     def part(first: int) -> list[np.ndarray]:
         rows = np.arange(first, first + size)
-        with jax.enable_x64(True):  # a setting of the thread
+        with jax.enable_x64(True), DISPATCH:  # 64 bits are a setting of the thread
             found = run(np.where(rows < count, rows, 0))
         return [np.asarray(each)[: count - first] for each in found]
 

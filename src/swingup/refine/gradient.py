@@ -23,7 +23,7 @@ from ..areapo.networks import Actor
 from ..benchmark.boards import PERFORMANCE
 from ..benchmark.rollout import Scenario, Trajectory, simulate
 from ..benchmark.swing_up_board import realai_score
-from ..common import cores
+from ..common import DISPATCH, cores
 from ..common.types import Scalar, State
 from ..controllers.interface import AbstractController
 from ..controllers.stack.policy import PolicyController
@@ -156,7 +156,8 @@ class AnalyticPolicyGradient:
 
         def run(piece: slice) -> tuple[tuple[Scalar, Measures], Actor]:
             some = jnp.asarray(x0[piece])
-            gradient = _gradient(self.actor, self._controller, some, self._stage, self._plant)
+            with DISPATCH:
+                gradient = _gradient(self.actor, self._controller, some, self._stage, self._plant)
             return jax.block_until_ready(gradient)
 
         with ThreadPoolExecutor(parts) as pool:
