@@ -300,7 +300,7 @@ def upright_law(source: Any, robot: Robot, plant: Plant) -> tuple[list[str], lis
                 f"it takes q1 = {zero:.4g} for upright, counted from {where}; here q1 = 0 hangs: give it "
                 f"q1 - {np.pi - zero:.4g}{also}"
             ], lines
-    if gains.any():
+    if gains.any() and poles(gains).real.max() >= 0:
         lines.append("these poles leave out Coulomb friction, which may hold it: --board balance tells")
     return [], lines
 
