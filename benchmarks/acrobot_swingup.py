@@ -18,12 +18,12 @@ from jaxtyping import Float
 from study import Study
 
 from swingup import AREAPO
-from swingup.learner.presets import get_preset
+from swingup.learner.presets import ACROBOT_PRESET, get_preset
 from swingup.learner.progress import TrainingReport
 from swingup.policy.shipped import load_policy
 from swingup.tasks.acrobot_swingup import ACTION_REPEAT, MJCF, AcrobotSwingup
 
-ID, PRESET = "swingup/AcrobotSwingup-v0", "acrobot"
+ID, PRESET = "swingup/AcrobotSwingup-v0", ACROBOT_PRESET
 EPISODES, STEPS = 128, 1000
 """Of a judgement in MuJoCo; their seeds are not those of training."""
 EVERY, JUDGEMENTS = 1220 * get_preset(PRESET).config.rollout_size, 10

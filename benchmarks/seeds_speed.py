@@ -10,12 +10,16 @@ import time
 import jax
 
 from swingup.areapo import algorithm
-from swingup.learner.presets import get_preset
+from swingup.learner.presets import ACROBOT_PRESET, get_preset
 from swingup.plant.plant import get_robot
 from swingup.tasks.acrobot_swingup import acrobot_practice
 from swingup.tasks.presets import get_task
 
-DEFAULT = ("fast:1", "fast:64", "fast:1024", "acrobot:1", "acrobot:64", "acrobot:1024", "paper:1", "paper:2")
+DEFAULT = (
+    *(f"{name}:{seeds}" for name in ("fast", ACROBOT_PRESET) for seeds in (1, 64, 1024)),
+    "paper:1",
+    "paper:2",
+)
 SECONDS = 4.0
 """Of a measurement, about."""
 
@@ -23,7 +27,7 @@ SECONDS = 4.0
 def measure(name: str, seeds: int) -> float:
     """Frames a second of all seeds of a preset."""
     preset = get_preset(name)
-    task = acrobot_practice() if name == "acrobot" else get_task(preset.task, get_robot("acrobot"))
+    task = acrobot_practice() if name == ACROBOT_PRESET else get_task(preset.task, get_robot("acrobot"))
     init = jax.jit(jax.vmap(algorithm.init, in_axes=(0, None, None)))
     train = jax.jit(jax.vmap(algorithm.train, in_axes=(0, None, None, None)))
     state = init(jax.random.split(jax.random.key(0), seeds), task, preset.config)

@@ -244,6 +244,16 @@ def test_the_sign_and_the_zero_of_a_law_at_the_top(sign, upright, named):
     assert "poles" in notes[0]
 
 
+@pytest.mark.parametrize(("strength", "stable"), [(1.0, True), (0.2, False)])
+def test_friction_is_named_where_a_pole_is_not_stable(strength, stable):
+    """A law that is too weak has one; dry friction may hold it all the same."""
+    findings, notes = upright_law(
+        lambda x, t: [0.0, -strength * CLASSIC @ (x - [np.pi, 0, 0, 0])], get_robot("acrobot"), SPONGS
+    )
+    assert findings == []
+    assert ("leave out Coulomb friction" in notes[-1]) != stable
+
+
 class RootedAtTheTop(AbstractController):
     """A law that is not finite on one side of upright."""
 

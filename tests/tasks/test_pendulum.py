@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import math
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -12,6 +13,7 @@ import pytest
 
 from swingup.benchmark.board import Setting
 from swingup.benchmark.boards import SIM2REAL
+from swingup.common.errors import SwingupError
 from swingup.dynamics.dynamics import UPRIGHT
 from swingup.dynamics.integrate import rk4_step
 from swingup.loop.resolve import resolve
@@ -21,6 +23,7 @@ from swingup.plant.plant import LEADERBOARD, ROBOTS
 from swingup.tasks.acrobot_swingup import CAPSULES, MAGNIFY, MJCF, AcrobotPractice, AcrobotSwingup
 from swingup.tasks.pendulum import PendulumState
 from swingup.tasks.presets import TASKS, get_task, paper_task, smooth_task
+from swingup.tasks.task import AbstractTask, Step, check_energy
 
 PI = np.pi
 KEY = jax.random.key(0)
@@ -264,3 +267,31 @@ def test_practice_observes_and_acts_as_the_task():
     np.testing.assert_allclose(mine.observation[:6], seen, rtol=1e-5)
     assert mine.observation[6] == pytest.approx(math.asinh(1000 * seen[0]), rel=1e-5)
     np.testing.assert_allclose(MAGNIFY(seen), mine.observation, rtol=1e-5)
+
+
+class Spring(AbstractTask[Any]):
+    """A mass on a spring, by Euler's explicit or symplectic method, in steps of 0.1 s."""
+
+    symplectic: bool = eqx.field(static=True)
+    observation_size = action_size = 1
+
+    def reset(self, key):
+        return jnp.ones(2)
+
+    def observe(self, state):
+        return state
+
+    def step(self, state, action, key):
+        position, speed = state
+        after = position + 0.1 * speed
+        state = jnp.array([after, speed - 0.1 * (after if self.symplectic else position) + action[0]])
+        return Step(state, state, jnp.zeros(()), jnp.array(False), jnp.array(False))
+
+
+def test_an_integrator_that_gains_energy_is_found():
+    """Explicit Euler multiplies the energy by 1 + dt² a step; the symplectic rule keeps it within dt/2 or so."""
+    states, energy = jnp.array([[1.0, 0.0], [3.0, 0.0]]), lambda state: 0.5 * jnp.sum(state**2)
+    assert 0.0 < check_energy(Spring(True), energy, states, [0.0], tolerance=0.1) < 0.1
+    # (1.01^100 - 1) · 4.5 J, of a range of 4 J.
+    with pytest.raises(SwingupError, match=r"gains 1\.92 of its range of energies in 100 steps"):
+        check_energy(Spring(False), energy, states, [0.0], steps=100)

@@ -5,6 +5,7 @@ control and files.
 """
 
 import abc
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any, Generic, TypeVar
 
@@ -99,6 +100,52 @@ def strongly_typed(leaf: Any) -> jax.Array:
     """An array of a type that stays: Python's numbers are weakly typed, a loop's and a checkpoint's are not."""
     array = jnp.asarray(leaf)
     return array if jnp.issubdtype(array.dtype, jax.dtypes.prng_key) else array.astype(array.dtype)
+
+
+def check_energy(
+    task: AbstractTask[StateT],
+    energy: Callable[[StateT], Scalar],
+    states: StateT,
+    action: Any,
+    steps: int = 1000,
+    tolerance: float = 0.01,
+) -> float:
+    """Find an integrator that gains energy: on such a task a policy learns to exploit it.
+
+    Args:
+        task: of motion that no step adds energy to under this action.
+        energy: kinetic and potential energy of a state (J).
+        states: at least two states to start from, stacked along the first axis of each leaf.
+        action: does no work, as a torque of 0.
+        steps: of each run; ends do not reset it.
+        tolerance: largest gain, as a share of the range of the energies of ``states``.
+
+    Returns:
+        The largest rise above the initial energy, as such a share; below 0 with friction.
+
+    Raises:
+        SwingupError: energy rises by more, or is not finite.
+    """
+    key, act = jax.random.key(0), jnp.asarray(action)
+
+    def advance(state: StateT, _: None) -> tuple[StateT, Scalar]:
+        state = task.step(state, act, key).state
+        return state, energy(state)
+
+    @jax.jit
+    @jax.vmap
+    def run(state: StateT) -> tuple[Scalar, Scalar]:
+        return energy(state), jax.lax.scan(advance, state, length=steps)[1]
+
+    initial, after = map(np.asarray, run(states))
+    gain = float(np.max(after - initial[:, None]) / np.ptp(initial))
+    # Negated, so that NaN fails as well.
+    if not gain <= tolerance:
+        raise SwingupError(
+            f"the task gains {gain:.3g} of its range of energies in {steps:,} steps: integrate with shorter "
+            f"steps or with RK4"
+        )
+    return gain
 
 
 def space_actions(space: Any) -> Space:
