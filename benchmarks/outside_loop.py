@@ -1,6 +1,7 @@
 """Robots that are not perfect, around the exported header: successes of 30 for each effect.
 
 Usage: python benchmarks/outside_loop.py [ROBOT ...] [--policy FILE_OR_NAME] [--seed N] [--case WORD ...]
+[--seconds 10]
 Needs gcc. ``outside_loop.c`` has physics, sensors, motors and clock of its own. A case is five draws around each of
 the six plants fitted to recordings: a lag of 2 to 7 ms, a start within 0.02 rad of hanging, and the moment of the
 faults. Encoders have steps of 3.81e-4 rad and the session's offsets; velocities are differences; the controller
@@ -197,11 +198,13 @@ def load(header: Path) -> ctypes.CDLL:
     return ctypes.CDLL(str(library))
 
 
-def run(library: ctypes.CDLL, p: Numbers, trace: np.ndarray | None = None) -> tuple[bool, int]:
+def run(
+    library: ctypes.CDLL, p: Numbers, trace: np.ndarray | None = None, seconds: float = SECONDS
+) -> tuple[bool, int]:
     """Whether a run succeeds, and the guard's reason."""
     values, reason = (ctypes.c_double * len(NAMES))(*p.values()), ctypes.c_int()
     rows = None if trace is None else trace.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
-    return bool(library.simulate(values, ctypes.c_double(SECONDS), ctypes.byref(reason), rows)), reason.value
+    return bool(library.simulate(values, ctypes.c_double(seconds), ctypes.byref(reason), rows)), reason.value
 
 
 def main() -> None:
@@ -211,6 +214,7 @@ def main() -> None:
     options.add_argument("--policy", default="adaptive")
     options.add_argument("--seed", type=int, default=0)
     options.add_argument("--case", nargs="*", default=[""])
+    options.add_argument("--seconds", type=float, default=SECONDS, help="1.6 are enough for the wiring")
     chosen = options.parse_args()
     wanted = [name for name in CASES | WIRINGS if any(word in name for word in chosen.case)]
     print(f"{'of 30: policy (stopped by the guard), LQR':42s}" + "".join(f"{name:>20s}" for name in chosen.robots))
@@ -226,9 +230,9 @@ def main() -> None:
             library = compiled(Path(folder), guarded)
             for case in wanted:
                 numbers = [p | (CASES | WIRINGS)[case](p) for p in robots(joint, chosen.seed)]
-                found = [run(library, p) for p in numbers]
+                found = [run(library, p, seconds=chosen.seconds) for p in numbers]
                 reasons[case in WIRINGS].update(Reason(reason).name.lower() for _, reason in found)
-                standing = sum(run(library, held(p, joint))[0] for p in numbers)
+                standing = sum(run(library, held(p, joint), seconds=chosen.seconds)[0] for p in numbers)
                 good, stopped = sum(up for up, _ in found), sum(reason > 0 for _, reason in found)
                 rows[case].append(f"{f'{good} ({stopped}), {standing}':>20s}")
     for case, row in rows.items():

@@ -20,12 +20,17 @@ CASES = {
     "encoder 1": (np.diag([-1.0, 1.0]), np.eye(2), Reason.ENCODER),
     "motors": (np.eye(2), -np.eye(2), Reason.MOTOR),
     "no torque": (np.eye(2), np.zeros((2, 2)), Reason.UNDRIVEN),
+    "joints": (np.eye(2)[::-1], np.eye(2)[::-1], Reason.UNDRIVEN),
 }
 """From true angles to measured ones, from commanded torques to those that act, and the reason of the stop."""
+PASSIVE_LIMIT = 0.5  # Of the motor at the joint that the robot does not drive (N m)
 
 
-def closed_loop(controller, angles, torques, seconds=1.0, period=0.002):
-    """Times and measured states of a run on C.1 with half more friction, 4 ms late."""
+def closed_loop(controller, angles, torques, seconds=1.0, period=0.002, driven=None):
+    """Times and measured states of a run on C.1 with half more friction, 4 ms late.
+
+    With the driven joint, the other's motor has its limit.
+    """
     plant = load_plant("C.1")
     friction = Friction((1.5 * plant.b1, 1.5 * plant.b2), (1.5 * plant.cf1, 1.5 * plant.cf2))
     x, late, times, states = (0.01, -0.01, 0.0, 0.0), [np.zeros(2)] * 2, [], []
@@ -35,6 +40,8 @@ def closed_loop(controller, angles, torques, seconds=1.0, period=0.002):
         states.append(np.array([*q, *v]))
         late.append(controller(states[-1], float(t)))
         u = torques @ late.pop(0)
+        if driven is not None:
+            u[1 - driven] = np.clip(u[1 - driven], -PASSIVE_LIMIT, PASSIVE_LIMIT)
         for _ in range(4):
             x = damped_midpoint_step(lump(plant), friction, x, (u[0], u[1]), period / 4, NUMPY)
     return np.array(times), np.array(states)
@@ -46,7 +53,7 @@ def test_what_is_wired_wrongly_is_named(case, robot):
     angles, torques, reason = CASES[case]
     policy = load_pendulum_policy("ar-eapo", robot)
     controller = numpy_controller(policy, guard=True)
-    closed_loop(controller, angles, torques)
+    closed_loop(controller, angles, torques, driven=ROBOTS[robot].joint)
     found = controller.fault.reason if controller.fault else Reason.NONE
     # Motors that turn the other way race: few blocks are slow enough to tell them from other faults.
     assert found != Reason.NONE if case == "motors" else found == reason

@@ -132,7 +132,7 @@ def runtime_data(policy: PendulumPolicy | FeedbackPolicy) -> dict[str, Data]:
         "the law": feedback_data(policy) if isinstance(policy, FeedbackPolicy) else pendulum_data(policy),
         "the guard's reasons": reasons | {"GUARD_SENTENCES": ", ".join(f'"{text}"' for text in REASON_TEXTS)},
     }
-    if isinstance(policy, PendulumPolicy) and policy.estimator is not None:
+    if policy.estimator is not None:
         constants = estimator_constants(policy.estimator, policy.plant, joint, policy.identifier)
         found["the estimator"] = estimator_data(constants)
         if constants.identifier is not None:
@@ -281,8 +281,8 @@ def guard_data(settings: GuardSettings, policy: PendulumPolicy | FeedbackPolicy)
 
 
 WATCHED_CONSTANTS = (
-    "CLOCK_TIME", "PUSH_SHARE", "STRONG_SHARE", "STRONG_BLOCKS", "STILL_SHARE", "BETTER_SHARE", "MANY_SHARE",
-    "MANY_BLOCKS", "MIN_PERIOD", "MAX_PERIOD",
+    "CLOCK_TIME", "PUSH_SHARE", "STRONG_SHARE", "STRONG_BLOCKS", "STILL_SHARE", "HELD_SHARE", "BETTER_SHARE",
+    "MANY_SHARE", "MANY_BLOCKS", "MIN_PERIOD", "MAX_PERIOD",
 )  # fmt: skip
 
 

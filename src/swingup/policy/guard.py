@@ -90,7 +90,7 @@ REASON_TEXTS = (
     "a joint's encoder counts against its torque: it is reversed",
     "the motors turn against their torques: they are reversed",
     "encoders or motors of shoulder and elbow are swapped",
-    "the torque does not arrive: the joints do not move as it says",
+    "the torque does not arrive, or the other joint's motor takes it: the joints do not move as it says",
     "a joint's angle jumps farther than the joint can move",
     "a joint's measurement stays the same while the other joint moves: its encoder is dead",
 )

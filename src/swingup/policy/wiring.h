@@ -49,7 +49,7 @@ static inline int swingup_judge(swingup_watch *w)
     const double whole = (double)(w->time[2] - w->time[0]);
     double u[2], v[2], found[2], least = 0.0, right = 0.0, share = 0.0;
     swingup_plant plant;
-    int i, k, best = 0;
+    int i, k, wrong, best = 0;
     for (i = 0; i < 2; i++) {
         const double before = swingup_unwrapped(w->angles[1][i] - w->angles[0][i]) / first;
         const double after = swingup_unwrapped(w->angles[2][i] - w->angles[1][i]) / second;
@@ -94,12 +94,15 @@ static inline int swingup_judge(swingup_watch *w)
             least = share;
         }
     }
-    if (share < SWINGUP_STILL_SHARE * right) {
-        return w->strong >= SWINGUP_STRONG_BLOCKS ? SWINGUP_WIRINGS - 1 : 0;
+    wrong = right > SWINGUP_WATCHED_WRONG;
+    if (wrong && share < SWINGUP_STILL_SHARE * right && w->strong >= SWINGUP_STRONG_BLOCKS) {
+        return SWINGUP_WIRINGS - 1;
     }
-    right = right > SWINGUP_WATCHED_WRONG ? right : 0.0;
+    if (share < SWINGUP_HELD_SHARE * right) {
+        return 0;
+    }
     right *= w->blocks >= SWINGUP_MANY_BLOCKS ? SWINGUP_MANY_SHARE : SWINGUP_BETTER_SHARE;
-    return w->blocks >= SWINGUP_WATCHED_BLOCKS && least < right ? best : 0;
+    return wrong && w->blocks >= SWINGUP_WATCHED_BLOCKS && least < right ? best : 0;
 }
 
 /* The place of the wiring that explains the motion, 0 while that is the right one. */

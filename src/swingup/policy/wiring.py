@@ -9,8 +9,10 @@ is fast. After four of them, the wiring is wrong where
     S_0 > 1.2  and  S_w < 0.4 S_0 for another w,    S_w = Σ_j (Σ |a_j - a_wj|²) / (Σ |a_j|² + Σ |a_0j|²),
 
 and after ten where S_w < 0.6 S_0. A reversed joint has 2 in S_0 instead of 0; plants with other masses and twice
-the friction stay below 1. Where no torque explains all, to 0.02 S_0, friction may hold the joints: only strong
-torques tell. The clock is wrong where half a second has fewer or more calls than the policy's estimator bears.
+the friction stay below 1. Where no torque explains all but 0.16 S_0, none arrives, or the other joint's weaker
+motor takes it: of a pendubot whose joints are swapped nothing else shows. Friction may hold the joints as well, so
+that this takes twelve blocks with strong torques; below 0.02 S_0 nothing else is told. The clock is wrong where
+half a second has fewer or more calls than the policy's estimator bears.
 """
 
 from typing import NamedTuple
@@ -23,9 +25,10 @@ from ..plant.units import TORQUE, arm_scales, similar_plant
 BLOCK, LATE = 0.03, 0.006  # Time between two angles, and until torques act (s of C.1, s)
 CLOCK_TIME = 0.5  # Time from the first call after which its calls count (s)
 MIN_BLOCKS = 4
-MANY_BLOCKS, STRONG_BLOCKS = 10, 8
+MANY_BLOCKS, STRONG_BLOCKS = 10, 12
 PUSH_SHARE, STRONG_SHARE = 0.05, 0.12  # Shares of the limit from which a block counts, and is strong
-BETTER_SHARE, MANY_SHARE, STILL_SHARE = 0.4, 0.6, 0.02  # Shares of S_0: another wiring, with many blocks, no torque
+BETTER_SHARE, MANY_SHARE = 0.4, 0.6  # Shares of S_0 that another wiring has, with many blocks
+STILL_SHARE, HELD_SHARE = 0.16, 0.02  # That no torque has where none arrives, where friction may hold the joints
 WRONG = 1.2  # Least S_0 of a wrong wiring
 FAST = 10.0  # Speed of a joint from which a block is left out (rad/s of C.1)
 MIN_PERIOD, MAX_PERIOD = 0.4, 2.6  # Multiples of the period between which the estimator works
@@ -148,12 +151,14 @@ class WiringWatch:
         if not min(self._energies) > 0.0:
             return 0
         shares = [each[0] / first_energy + each[1] / second_energy for each in self._sums]
-        if shares[-1] < STILL_SHARE * shares[0]:
-            return len(WIRINGS) - 1 if self._strong >= STRONG_BLOCKS else 0
+        wrong = shares[0] > WRONG
+        if wrong and shares[-1] < STILL_SHARE * shares[0] and self._strong >= STRONG_BLOCKS:
+            return len(WIRINGS) - 1
+        if shares[-1] < HELD_SHARE * shares[0]:
+            return 0
         best = min(range(len(WIRINGS) - 1), key=shares.__getitem__)
         least = (MANY_SHARE if self._blocks >= MANY_BLOCKS else BETTER_SHARE) * shares[0]
-        wrong = shares[0] > WRONG and shares[best] < least
-        return best if wrong and self._blocks >= MIN_BLOCKS else 0
+        return best if wrong and shares[best] < least and self._blocks >= MIN_BLOCKS else 0
 
 
 def _wired(pair: list[float], wiring: Wiring) -> list[float]:
