@@ -114,6 +114,7 @@ def test_a_policy_of_another_task(run, tmp_path, capsys):
         ("onnx --out other --precision single", "--precision single goes with --to c"),
         ("c --out other --braking 0.1", "without a guard: leave its settings out"),
         ("c --out other --robot acrobot", "is of 'discrete', not of a pendulum"),
+        ("c --out other --estimator", "--estimator goes with a baseline's controller: leave it out"),
     ):
         assert main(f"export best.safetensors --to {words}".split()) == 2
         assert named in capsys.readouterr().err

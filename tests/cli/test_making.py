@@ -6,6 +6,7 @@ from refusals import refusal
 from swingup import load_plant
 from swingup.cli import making
 from swingup.cli.making import make_controller_command
+from swingup.common.errors import SwingupError
 from swingup.policy.shipped import load_pendulum_policy
 
 FACTS = "plant leaderboard --set tl1=0 --out mine.yml"
@@ -45,9 +46,28 @@ def test_from_a_plant_to_a_header_with_its_zeros(run, tmp_path):
     assert "swingup_zeros[2] = {4.e-02, 0.e+00}" in header
 
 
+def lacks_swing_up(*_, **__):
+    raise SwingupError("the swing-up of tvlqr does not come up")
+
+
+@pytest.mark.slow
+def test_tvlqr_where_the_search_finds_nothing(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(making, "find_policies", lambda *_, **__: [])
+    run(FACTS)
+    with open("mine.yml", "a") as file:
+        file.write("delay: 0.002\n")
+    told = run("make-controller mine.yml --seeds 2 --out policy.h")
+    assert "2 of 2" in told
+    assert "swingup evaluate acrobot --controller=tvlqr --estimator --plant=mine.yml" in told
+    header = (tmp_path / "policy.h").read_text()
+    assert "The baseline tvlqr behind its state estimator and its safety guard" in header
+    assert not (tmp_path / "policy.safetensors").exists()
+
+
 @pytest.mark.slow
 def test_a_weak_motor_needs_a_training(run, tmp_path, monkeypatch):
     monkeypatch.setattr(making, "find_policies", lambda *_, **__: [])  # What a long search finds
+    monkeypatch.setattr(making, "feedback_policy", lacks_swing_up)
     run("plant leaderboard --set tl1=0 tl2=1.5 --out mine.yml")
     told = run("make-controller mine.yml --frames 4096 --seeds 2 --out policy.h")
     assert "swingup refine acrobot --recipe=adapt --plant=mine.yml" in told

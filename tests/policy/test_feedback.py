@@ -31,16 +31,17 @@ CASES = {
     "tvlqr": ("tvlqr", "acrobot", lambda similar: LEADERBOARD),
     "tvlqr-rubbing": ("tvlqr", "pendubot", lambda similar: similar(LEADERBOARD).changed(cf1=4e-4, cf2=1e-4)),
     "tvlqr-score": ("tvlqr-score", "pendubot", lambda similar: similar(LEADERBOARD).changed(**ZEROS)),
+    "tvlqr-estimated": ("tvlqr", "acrobot", lambda similar: similar(LEADERBOARD).changed(cf1=1e-4, **ZEROS), True),
 }
-"""A baseline, a robot and a plant, some with friction of either joint."""
+"""A baseline, a robot and a plant, some with friction of either joint; perhaps whether behind an estimator."""
 
 
 @functools.cache
-def loops(plant, name, robot):
+def loops(plant, name, robot, estimator=False):
     """The law, and times, measurements and torques of JAX's controller in loops from hanging and near the top."""
-    law, lumped, zeros = feedback_policy(name, robot, plant), lump(plant), np.array([*plant.zeros, 0.0, 0.0])
-    limit = law.torque_limit
-    found = loop_controller(get_controller(name, robot, plant=plant), robot, limit=limit)
+    law, lumped = feedback_policy(name, robot, plant, estimator), lump(plant)
+    limit, zeros = law.torque_limit, np.array([*plant.zeros, 0.0, 0.0])
+    found = loop_controller(get_controller(name, robot, estimator, plant=plant), robot, limit=limit)
     rows = []
     for x in STARTS:
         found.reset()
@@ -59,8 +60,8 @@ def case(request, similar, monkeypatch):
     monkeypatch.setattr(
         baselines, "_computed_reference", lambda design, problem: shipped_reference(design.robot, problem)[0]
     )
-    name, robot, plant = CASES[request.param]
-    law, (times, states, torques) = loops(plant(similar), name, robot)
+    name, robot, plant, *estimator = CASES[request.param]
+    law, (times, states, torques) = loops(plant(similar), name, robot, *estimator)
     return law, times.reshape(len(STARTS), -1), states, torques
 
 

@@ -79,6 +79,7 @@ def export_command(
     braking: float | None = None,
     zero1: float | None = None,
     zero2: float | None = None,
+    estimator: bool | None = None,
     plant: PlantOptions = NO_OPTIONS,
     seed: int | None = None,
 ) -> None:
@@ -106,11 +107,14 @@ def export_command(
         zero1: what the shoulder's encoder shows where the pendulum hangs (rad), which the controller subtracts; by
             default the plant's.
         zero2: the same of the elbow.
+        estimator: put a state estimator before a baseline; a policy's file says whether it has one.
         plant: what adaptive begins with, in that plant's units, where that is within what it was taught; or what a
             baseline is designed for. A swing-up for another plant than the leaderboards' takes minutes.
         seed: compute the trajectory, shipped or not, from first torques of this seed.
     """
     check_destination(to, out, name)
+    if estimator is not None and (to == TRAJECTORY or policy not in BASELINES):
+        raise SwingupError("--estimator goes with a baseline's controller: leave it out")
     if to == TRAJECTORY:
         _export_trajectory(policy, _needed(robot, policy), out, plant, seed)
         return
@@ -122,7 +126,7 @@ def export_command(
     if policy in BASELINES:
         if to not in (*ROBOT_FORMS, "c"):
             raise SwingupError(f"a baseline is not written for {to}: use --to c, {' or '.join(ROBOT_FORMS)}")
-        found = feedback_policy(policy, _needed(robot, policy), facts_of(plant) or LEADERBOARD)
+        found = feedback_policy(policy, _needed(robot, policy), facts_of(plant) or LEADERBOARD, bool(estimator))
     else:
         found = load_policy(policy, robot, facts_of(plant))
     zeros = {name: value for name, value in {"zero1": zero1, "zero2": zero2}.items() if value is not None}

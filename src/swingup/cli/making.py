@@ -17,6 +17,8 @@ from ..common.arrays import SUFFIX
 from ..common.checks import check_seeds
 from ..common.errors import SwingupError, command_line
 from ..common.files import check_suffix
+from ..controllers.baselines.baselines import feedback_policy
+from ..controllers.registry import get_controller
 from ..controllers.stack.policy import make_controller
 from ..export.folder import FORMS as FOLDERS
 from ..export.folder import NAME, cloudpendulum_guard
@@ -31,6 +33,7 @@ from ..plant.files import is_plant_name
 from ..plant.measured import measured_plant
 from ..plant.plant import ROBOTS, Plant, Robot
 from ..policy.estimator import default_estimator
+from ..policy.feedback import FeedbackPolicy
 from ..policy.guard import choose_guard
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
 from ..policy.shipped import load_pendulum_policy
@@ -45,13 +48,16 @@ from .pendulums import named_values
 from .results import result_lines, show_parts
 from .training import train_shown
 
+TRACKING = "tvlqr"  # The baseline that is tried where the shipped policy does not swing the plant up
 PRESET, FRAMES = "small", 2_500_000
-"""What is trained where the shipped policy does not swing the plant up; pendubots hold after a million frames."""
+"""What is trained where that fails as well; pendubots hold after a million frames."""
 TRIES = 12  # Policies of no training that are judged before one is trained
 DRAWS = 20  # Simulated pendulums that choose the policy, and others that judge it
 ENOUGH = 0.95  # Share of them below which the command names what to do
 START = "C.1"
 HEADERS = (".h", ".hpp")
+
+Found = PendulumPolicy | FeedbackPolicy
 
 
 def make_controller_command(
@@ -75,8 +81,8 @@ def make_controller_command(
     """Make a controller for your pendulum from its logs: identify, find or train a policy, judge and export.
 
     The shipped policy swings many pendulums up if it is told another plant than the true one: the command searches
-    for one in simulation. If none succeeds on 95 % of the drawn pendulums, the command trains a policy. The best
-    policy is judged on other draws.
+    for one in simulation. If none succeeds on 95 % of the drawn pendulums, the command tries TVLQR along a swing-up
+    of the plant behind a state estimator, and then trains a policy. The best controller is judged on other draws.
     Beside OUT the command writes OUT.safetensors, the policy, and for logs OUT-plant.yml with the plant and
     OUT-plant-domain.yml with its ranges. It continues a training that was interrupted, in OUT-run.
 
@@ -122,15 +128,17 @@ def make_controller_command(
     robot = _the_robot(around.nominal_plant, robot)
     file = f"{path}{SUFFIX}"
 
-    def tried(policy: PendulumPolicy) -> tuple[int, PendulumPolicy]:
+    def tried(policy: Found) -> tuple[int, Found]:
         guarded = dataclasses.replace(policy, guard=choose_export_guard(policy, to, True, {}))
         return _judged(guarded, around, seeds, file, CHOICE_SEED).successes, guarded
 
-    best: tuple[int, PendulumPolicy | None] = -1, None
+    best: tuple[int, Found | None] = -1, None
     for candidate in _transferred(around.nominal_plant, robot, to, seed):
         best = max(best, tried(candidate), key=itemgetter(0))
         if best[0] == seeds:
             break
+    if best[0] < ENOUGH * seeds and (law := _tracking(around.nominal_plant, robot)) is not None:
+        best = max(best, tried(law), key=itemgetter(0))
     if best[0] < ENOUGH * seeds:
         trained, status = _trained(around.nominal_plant, robot, path, frames, seed)
         if trained is None:
@@ -142,7 +150,12 @@ def make_controller_command(
     options |= {"set": tuple(itertools.chain(*set)), "known": known, "columns": columns, "force": force or None}
     options |= {"domain": domain, "frames": frames, "seed": seed, "seeds": seeds, "name": name}
     provenance = {"command": command_line("make-controller", *sources, **options), "version": __version__}
-    write_pendulum_policy(file, policy, {**policy.metadata, **provenance})
+    if isinstance(policy, FeedbackPolicy):
+        policy, file = dataclasses.replace(policy, metadata=provenance), policy.name
+        again = command_line("evaluate", robot.name, controller=file, estimator=True, plant=around.name)
+        tell(f"{again} runs the same in simulation")
+    else:
+        write_pendulum_policy(file, policy, {**policy.metadata, **provenance})
     # By draws on which nothing was chosen.
     result = _judged(policy, around, seeds, file, JUDGED_SEED)
     tell(*result_lines(result, file))
@@ -190,6 +203,17 @@ def _transferred(plant: Plant, robot: Robot, to: str, seed: int) -> list[Pendulu
     return found[:TRIES]
 
 
+def _tracking(plant: Plant, robot: Robot) -> FeedbackPolicy | None:
+    """TVLQR along a swing-up of the plant, behind an estimator; None where no swing-up comes up."""
+    with Progress() as bar:
+        bar.log(f"designing {TRACKING} for this plant")
+        try:
+            return feedback_policy(TRACKING, robot, plant, estimator=True)
+        except SwingupError as error:
+            bar.log(str(error))
+            return None
+
+
 def _trained(plant: Plant, robot: Robot, path: Path, frames: int, seed: int) -> tuple[PendulumPolicy | None, int]:
     """The best policy of a run on the plant with its friction, behind an estimator; None where it was stopped."""
     folder = path.with_name(f"{path.name}-run")
@@ -200,10 +224,14 @@ def _trained(plant: Plant, robot: Robot, path: Path, frames: int, seed: int) -> 
     return dataclasses.replace(found, estimator=default_estimator(found.plant)), 0
 
 
-def _judged(policy: PendulumPolicy, around: Domain, seeds: int, file: str, seed: int) -> Result:
+def _judged(policy: Found, around: Domain, seeds: int, file: str, seed: int) -> Result:
     """How the controller does on pendulums drawn from the ranges that the logs leave."""
     with Progress() as bar:
-        judged = make_controller(policy)
+        judged: Any
+        if isinstance(policy, FeedbackPolicy):
+            judged = get_controller(policy.name, policy.robot, True, around.nominal_plant)
+        else:
+            judged = make_controller(policy)
         return judge(
             judged, policy.robot, SIM2REAL, seeds, seed=seed, name=file, domain=around,
             progress=lambda done, total: bar("simulated pendulums", done, total),

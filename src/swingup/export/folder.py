@@ -229,18 +229,12 @@ def _task_values(policy: TaskPolicy) -> dict[str, str]:
 
 def readme_values(policy: PendulumPolicy) -> dict[str, str]:
     """What a folder's README says of a pendulum's policy, for the gaps of a template."""
-    base = " and the pendulum's base parameters" if policy.identifier else ""
     layers, joint = " and ".join(str(len(layer.bias)) for layer in policy.network.trunk), JOINTS[policy.robot.joint]
     switched = "nothing is switched, tracked or planned"
     if policy.regulator:
         switched = "near upright a linear-quadratic regulator takes over"
-    seen = (
-        f"an estimate of the state by a Kalman filter, which also finds the loop's delay{base}"
-        if policy.estimator
-        else "the measured state"
-    )
     return {
-        "ESTIMATOR": f"It is shown {seen}.",
+        "ESTIMATOR": _seen(policy),
         "KIND": f"A network distilled from teachers, one of which is a {BY_AREAPO}"
         if policy.regulator
         else f"A {BY_AREAPO}",
@@ -256,14 +250,20 @@ def law_values(policy: FeedbackPolicy) -> dict[str, str]:
     top, kind = "a linear-quadratic regulator holds it upright", f"The optimal-control baseline {policy.name}"
     return {
         "DESCRIPTION": kind,
-        "ESTIMATOR": "It is shown the measured state.",
+        "ESTIMATOR": _seen(policy),
         "KIND": kind,
         "LAW": f"{top[0].upper()}{top[1:]}." if policy.swing_up is None else f"It follows a swing-up, then {top}.",
         "METHOD": policy.name,
         "TORQUE": _torque(policy),
-        "RATE": ANY_RATE,
+        "RATE": f"one call every {policy.period:g} s" if policy.period else ANY_RATE,
         "ROBOT": policy.robot.name,
     }
+
+
+def _seen(policy: PendulumPolicy | FeedbackPolicy) -> str:
+    base = " and the pendulum's base parameters" if policy.identifier else ""
+    filtered = f"an estimate of the state by a Kalman filter, which also finds the loop's delay{base}"
+    return f"It is shown {filtered if policy.estimator else 'the measured state'}."
 
 
 def _torque(policy: PendulumPolicy | FeedbackPolicy) -> str:

@@ -81,7 +81,7 @@ static inline double swingup_act(swingup_controller *c, swingup_time t, const do
 #endif
 #if SWINGUP_PIECES > 0
     if (swingup_leads(&c->feedback, t, error)) {
-        torque = swingup_follow(x, (double)(t - c->feedback.begun));
+        torque = swingup_along(x, (double)(t - c->feedback.begun));
     }
 #endif
     (void)c;
@@ -117,6 +117,7 @@ static inline int swingup_ask(swingup_controller *c, swingup_time t, const doubl
 {
     const double own[4] = {x[0], x[1], SWINGUP_TIME_UNIT * x[2], SWINGUP_TIME_UNIT * x[3]};
     double seen[4] = {own[0], own[1], own[2], own[3]};
+    double shown[4] = {x[0], x[1], x[2], x[3]}; /* the same in SI units */
 
 #if SWINGUP_HAS_ESTIMATOR
     if (swingup_early(&c->estimator, t)) {
@@ -124,9 +125,13 @@ static inline int swingup_ask(swingup_controller *c, swingup_time t, const doubl
         return 0;
     }
     swingup_observe(&c->estimator, t, own, seen);
+    shown[0] = seen[0];
+    shown[1] = seen[1];
+    shown[2] = seen[2] / SWINGUP_TIME_UNIT;
+    shown[3] = seen[3] / SWINGUP_TIME_UNIT;
 #endif
     u[1 - SWINGUP_DRIVEN] = 0.0;
-    u[SWINGUP_DRIVEN] = swingup_act(c, t, x, seen);
+    u[SWINGUP_DRIVEN] = swingup_act(c, t, shown, seen);
 #if SWINGUP_HAS_IDENTIFIER
     swingup_compensate(&c->estimator.identifier, seen, u);
 #endif

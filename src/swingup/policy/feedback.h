@@ -36,7 +36,7 @@ static inline int swingup_leads(swingup_feedback *c, swingup_time t, const doubl
 }
 
 /* The torque (N m) along the trajectory, t s after the first call. */
-static inline double swingup_follow(const double x[4], double t)
+static inline double swingup_along(const double x[4], double t)
 {
     double s, torque, now[9], error[4];
     int piece = 0, i;

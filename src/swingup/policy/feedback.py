@@ -9,7 +9,7 @@ x(t), u(t) and K(t) are cubics, piece by piece, held after their end. The top's 
 first call in which all four |e| are below the threshold. Where the passive joint has dry friction the top's law is
 the policies' regulator (``regulator.py``), and no torque where that does not act. The torque is limited to the
 motor's; the driven joint's Coulomb friction is then added, and the sum limited. All numbers are in the plant's own
-units.
+units. Behind a state estimator x is the estimate.
 """
 
 import math
@@ -26,11 +26,11 @@ from ..common.settings import read_settings
 from ..plant.base_parameters import base_parameters
 from ..plant.equations import COULOMB_STEEPNESS, NUMPY
 from ..plant.plant import Plant, Robot, get_robot
-from ..plant.units import arm_scales
 from . import regulator
 from .contract import LoopController, guarded
+from .estimator import EstimatorSettings
 from .guard import GuardChoice, GuardSettings
-from .numpy_backend import held, regulator_loop
+from .numpy_backend import EstimatedSource, held, regulator_loop
 from .pendulum import PLANT, read_plant, write_plant
 from .regulator import RegulatorSettings
 
@@ -63,9 +63,7 @@ class SwingUpLaw:
 class FeedbackPolicy:
     """A pendulum's feedback law, with what stands around it; one of ``top`` and ``regulator`` acts at the top."""
 
-    estimator: ClassVar[None] = None
     identifier: ClassVar[None] = None
-    period: ClassVar[None] = None  # Any time between calls
 
     name: str
     robot: Robot
@@ -76,8 +74,14 @@ class FeedbackPolicy:
     top: TopLaw | None
     swing_up: SwingUpLaw | None = None
     regulator: RegulatorSettings | None = None
+    estimator: EstimatorSettings | None = None
     guard: GuardSettings | None = None
     metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def period(self) -> float | None:
+        """Time between calls that the estimator expects (s); None for any."""
+        return None if self.estimator is None else self.estimator.dt
 
     @property
     def torque_limit(self) -> float:
@@ -97,25 +101,23 @@ class FeedbackPolicy:
         return float((self.plant.cf1, self.plant.cf2)[self.robot.joint])
 
 
-class FeedbackSource:
+class FeedbackSource(EstimatedSource):
     """The law's torques for a loop."""
-
-    min_pause = 0.0  # It acts at each call (s)
 
     def __init__(self, policy: FeedbackPolicy) -> None:
         """Take a law."""
-        self.policy, self._joint = policy, policy.robot.joint
-        self._scales = arm_scales(policy.plant)
-        self._state_units = np.array(self._scales.state)
+        self.policy = policy
+        super().__init__(policy.plant, policy.robot.joint, policy.estimator)
         self._regulator: regulator.Loop | None = None
         if policy.regulator is not None:
             known = policy.regulator, policy.held_plant, self._joint, policy.torque_limit
             self._regulator = regulator_loop(*known)
-            self._base = (base_parameters(policy.held_plant) / np.array(self._scales.base)).tolist()
+            self._base = (base_parameters(policy.held_plant) / self._base_units).tolist()
         self.reset()
 
     def reset(self) -> None:
         """Forget the run so far."""
+        super().reset()
         self._begun: float | None = None
         self._at_top = self.policy.swing_up is None
         if self._regulator is not None:
@@ -126,11 +128,14 @@ class FeedbackSource:
         self._begun = t if self._begun is None else self._begun
         limit, u = self.policy.torque_limit, np.zeros(2)
         with np.errstate(all="ignore"):
+            seen = self.observed(x, t)
+            # Without an estimator the measurement as it is: units would round it.
+            x = x if self.constants is None else seen * self._state_units
             error = _error(x, GOAL)
             swing_up = self.policy.swing_up
             if swing_up is not None and (abs(error) < swing_up.threshold).all():
                 self._at_top = True
-            torque = self._top(x, error)
+            torque = self._top(seen, error)
             if not self._at_top and swing_up is not None:
                 torque = follow(swing_up, x, t - self._begun)
             # Built-in comparisons would hide NaN.
@@ -140,16 +145,12 @@ class FeedbackSource:
             u[self._joint] = math.nan
         return u
 
-    def remember(self, u: np.ndarray) -> None:
-        """Nothing: the law does not look back."""
-
-    def _top(self, x: np.ndarray, error: np.ndarray) -> float:
+    def _top(self, seen: np.ndarray, error: np.ndarray) -> float:
         """The torque at the top (N m); the regulator follows its plant before the hand-over as well."""
         if self._regulator is not None:
             plant = held(self._regulator, self._base, bool(self._regulated.far))
-            seen = x / self._state_units
             self._regulated, torque = regulator.regulate(NUMPY, self._regulator, self._regulated, plant, seen)
-            return float(torque) * self._scales.torque if self._regulated.acting else 0.0
+            return float(torque) * self._torque_unit if self._regulated.acting else 0.0
         top = self.policy.top
         assert top is not None
         return -float(top.gains @ error) if error @ top.cost_to_go @ error <= top.largest_cost else 0.0
@@ -180,7 +181,7 @@ def write_feedback(path: str | Path, policy: FeedbackPolicy) -> None:
     arrays = {name: value for law in (policy.top, policy.swing_up) if law for name, value in asdict(law).items()}
     head = {"name": policy.name, "robot": policy.robot.name, PLANT: write_plant(policy.plant)}
     head |= {"held_plant": write_plant(policy.held_plant)}
-    head |= {} if policy.regulator is None else {RegulatorSettings.PART: asdict(policy.regulator)}
+    head |= {part.PART: asdict(part) for part in (policy.regulator, policy.estimator) if part is not None}
     save_arrays(path, FORMAT, FORMAT_VERSION, {**policy.metadata, **head}, arrays)
 
 
@@ -195,10 +196,10 @@ def read_feedback(path: str | Path) -> FeedbackPolicy:
         robot = get_robot(metadata.get("robot", ""))
         plant, held_plant = (read_plant(metadata.get(name), robot) for name in (PLANT, "held_plant"))
         top, swing_up = (_law(kind, arrays) for kind in (TopLaw, SwingUpLaw))
-        settings = read_settings(metadata, RegulatorSettings)
-        found = FeedbackPolicy(
-            str(metadata.get("name")), robot, plant, held_plant, top, swing_up, settings, metadata=metadata
-        )
+        kinds: tuple[Any, ...] = (RegulatorSettings, EstimatorSettings)
+        parts: dict[str, Any] = {kind.PART: read_settings(metadata, kind) for kind in kinds}
+        name, settings = str(metadata.get("name")), parts[RegulatorSettings.PART]
+        found = FeedbackPolicy(name, robot, plant, held_plant, top, swing_up, **parts, metadata=metadata)
         try:
             # Calls upright and hanging meet every array.
             whole = (top is None) != (settings is None) and np.isfinite(

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,13 @@ from ..plant.plant import Plant, Robot
 from ..plant.units import TORQUE, arm_scales
 from . import estimator, identifier, regulator
 from .contract import LoopController, guarded
-from .estimator import EstimatorConstants, default_estimator, estimator_constants
+from .estimator import (
+    EstimatorConstants,
+    EstimatorSettings,
+    EstimatorState,
+    default_estimator,
+    estimator_constants,
+)
 from .guard import GuardChoice
 from .identifier import MIN_STEP, IdentifiedPlant
 from .network import Bounds
@@ -98,24 +105,53 @@ def command(P: np.ndarray, step: np.ndarray, e: tuple[float, ...]) -> float:
     return -float(gains[:5].dot(e))
 
 
-class NumpyPolicy:
-    """The torques of a policy, with an estimator and a regulator where its file has one."""
+class EstimatedSource:
+    """What computes torques from a state, perhaps behind an estimator; in C.1's units inside."""
 
     identified_plant: IdentifiedPlant | None = None  # What the identifier knows of the plant; None without one
+    state: EstimatorState
+
+    def __init__(
+        self, plant: Plant, joint: int, settings: EstimatorSettings | None, identifier: Any = None
+    ) -> None:
+        """Take the estimator's plant and its settings; None for the measurement as it is."""
+        # Kept, since finding them takes as long as a small network.
+        scales = arm_scales(plant)
+        self._state_units, self._base_units = np.array(scales.state), np.array(scales.base)
+        self._torque_unit, self._joint = scales.of(TORQUE), joint
+        self.constants: EstimatorConstants | None = None
+        self.min_pause = 0.0
+        if settings is not None:
+            self.constants = estimator_constants(settings, plant, joint, identifier)
+            self.min_pause = MIN_STEP * settings.dt
+
+    def reset(self) -> None:
+        """Forget the run so far."""
+        if self.constants is not None:
+            self.state = estimator.begin(NUMPY, self.constants)
+
+    def observed(self, x: np.ndarray, t: float) -> np.ndarray:
+        """The estimate for the state (4,) measured at time t (s), in C.1's units; or the measurement in them."""
+        x = x / self._state_units
+        if self.constants is not None:
+            self.state, x = estimator.observe(NUMPY, self.constants, self.state, self.identified_plant, t, x)
+        return x
+
+    def remember(self, u: np.ndarray) -> None:
+        """Note the torques (2,) (N m) that the motors were given."""
+        if self.constants is not None:
+            self.state = estimator.remember(NUMPY, self.constants, self.state, u / self._torque_unit)
+
+
+class NumpyPolicy(EstimatedSource):
+    """The torques of a policy, with an estimator and a regulator where its file has one."""
 
     def __init__(self, policy: PendulumPolicy, estimated: bool | None = None) -> None:
         """Take a policy behind an estimator where its file has one (None), never (False) or always (True)."""
-        self.policy, self._joint, self._network = policy, policy.robot.joint, TorqueNetwork(policy)
-        joint, scales = self._joint, arm_scales(policy.plant)
-        # All but the network computes in C.1's units; kept, since finding them takes as long as a small network.
-        self._state_units, self._base_units = np.array(scales.state), np.array(scales.base)
-        self._torque_unit = scales.of(TORQUE)
-        self.constants: EstimatorConstants | None = None
-        self.min_pause = 0.0
-        if policy.estimator is not None if estimated is None else estimated:
-            settings = policy.estimator or default_estimator(policy.plant)
-            self.constants = estimator_constants(settings, policy.plant, joint, policy.identifier)
-            self.min_pause = MIN_STEP * settings.dt
+        self.policy, joint, self._network = policy, policy.robot.joint, TorqueNetwork(policy)
+        wanted = policy.estimator is not None if estimated is None else estimated
+        settings = (policy.estimator or default_estimator(policy.plant)) if wanted else None
+        super().__init__(policy.plant, joint, settings, policy.identifier)
         self._regulator: regulator.Loop | None = None
         if policy.regulator is not None:
             self._regulator = regulator_loop(policy.regulator, policy.plant, joint, policy.torque_limit)
@@ -124,10 +160,9 @@ class NumpyPolicy:
 
     def reset(self) -> None:
         """Forget the run so far."""
-        if self.constants is not None:
-            # From the first call on there is a plant to act for: the prior's.
-            self.state = estimator.begin(NUMPY, self.constants)
-            self._update_plant()
+        super().reset()
+        # From the first call on there is a plant to act for: the prior's.
+        self._update_plant()
         if self._regulator is not None:
             self._regulated = regulator.begin(NUMPY, self._regulator)
 
@@ -138,21 +173,14 @@ class NumpyPolicy:
         """
         # What is not finite or overflows fails a comparison, and starts again.
         with np.errstate(all="ignore"):
-            x = x / self._state_units
-            if self.constants is not None:
-                self.state, x = estimator.observe(NUMPY, self.constants, self.state, self.identified_plant, t, x)
-                self._update_plant()
+            x = self.observed(x, t)
+            self._update_plant()
             u = np.zeros(2)
             u[self._joint] = self._torque(x)
             if self.constants is not None and self.identified_plant is not None:
                 against = estimator.compensation(NUMPY, self.constants, self.identified_plant, x)
                 u = u + self._torque_unit * against
             return u
-
-    def remember(self, u: np.ndarray) -> None:
-        """Note the torques (2,) (N m) that the motors were given."""
-        if self.constants is not None:
-            self.state = estimator.remember(NUMPY, self.constants, self.state, u / self._torque_unit)
 
     def _update_plant(self) -> None:
         constants = None if self.constants is None else self.constants.identifier

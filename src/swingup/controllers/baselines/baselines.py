@@ -18,6 +18,7 @@ from ...loop.resolve import resolve
 from ...plant.equations import COULOMB_STEEPNESS
 from ...plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
 from ...plant.units import C1, DAMPING, STATE, TIME, TORQUE, Scales, scaled, scales_of, similar_plant
+from ...policy.estimator import default_estimator
 from ...policy.feedback import FeedbackPolicy, SwingUpLaw, TopLaw
 from ...policy.pendulum import policy_plant
 from ..interface import AbstractController, Time, TimeLike, joint_torques, never, since_first_call
@@ -147,8 +148,12 @@ def _designed(name: str, design: Design) -> AbstractController[Any]:
     return LatchingSwitch(following, top, np.array(HAND_OVER if friction else threshold), robot)
 
 
-def feedback_policy(name: str, robot: Robot | str, plant: PlantLike = LEADERBOARD) -> FeedbackPolicy:
+def feedback_policy(
+    name: str, robot: Robot | str, plant: PlantLike = LEADERBOARD, estimator: bool = False
+) -> FeedbackPolicy:
     """A baseline of :data:`EXPORTED` as a law that runs without JAX, in the plant's own units.
+
+    With an estimator before it, this has the defaults.
 
     Raises:
         SwingupError: the baseline has no such law, or it, the robot or the plant is unknown; or its swing-up does
@@ -179,7 +184,9 @@ def feedback_policy(name: str, robot: Robot | str, plant: PlantLike = LEADERBOAR
         parts["top"] = TopLaw(gains, cost, np.array(found.max_cost_to_go))
     else:
         parts |= {"top": None, "regulator": scaled(HOLDING_BOUNDS, scales)}
-    return FeedbackPolicy(name, robot, policy_plant(facts, robot), held, **parts)
+    own = policy_plant(facts, robot)
+    parts["estimator"] = default_estimator(own) if estimator else None
+    return FeedbackPolicy(name, robot, own, held, **parts)
 
 
 def shipped_reference(robot: Robot | str, problem: str = "published") -> tuple[Reference, dict[str, Any]]:
