@@ -6,8 +6,9 @@ Usage: python benchmarks/untuned.py [TASK ...] [--frames 300000] [--seeds 1] [--
 A learner is `default`, a preset's name, or `sb3-ppo`, Stable-Baselines3's PPO of `mujoco_learning.py`. A change is
 `plain`; `offset`, 1,000 more on every reward; `small`, rewards times 1e-3; or `observed`, observations times 1e-4.
 CartPoleSwingup and RotaryPendulum are of this file: dm_control's cart-pole with its rewards, and an arm of 0.15 m
-that turns without limits and swings up a rod of 0.2 m. Neither ends before its 1,000 steps.
-Needs swingup[mujoco], and stable-baselines3 for the peer.
+that turns without limits and swings up a rod of 0.2 m. Neither ends before its 1,000 steps. Names that begin with
+gymnax/ are gymnax's, which ours trains on as they are and the peer through gymnax's own wrapper.
+Needs swingup[mujoco], for its tasks gymnasium[box2d] or swingup[gymnax], and stable-baselines3 for the peer.
 
 Finished runs are rows of the file and are not repeated: the mean return of the last policy in 20 deterministic
 episodes, in the task's own rewards, and seconds of the processor, with compilation and judgement. `--seeds 0`
@@ -16,6 +17,7 @@ trains nothing and shows what is finished, with how many seeds learned where the
 
 import argparse
 import csv
+import functools
 import itertools
 import time
 from pathlib import Path
@@ -28,6 +30,7 @@ from gymnasium.wrappers import TimeLimit, TransformObservation, TransformReward
 from swingup import AREAPO
 
 EPISODES = 20
+GYMNAX = "gymnax/"
 LEARNED = {"MountainCarContinuous-v0": 90.0, "Acrobot-v1": -110.0, "Pendulum-v1": -200.0}
 """Mean returns from which a seed counts as learned."""
 COLUMNS = ("task", "change", "learner", "seed", "frames", "score", "cpu_seconds")
@@ -107,6 +110,11 @@ def make(task: str, change: str = "plain") -> gymnasium.Env[Any, Any]:
         env = TimeLimit(Swingup(CART, 1), 1000)
     elif task == "RotaryPendulum":
         env = TimeLimit(Rotary(ROTARY, 4), 1000)
+    elif task.startswith(GYMNAX):
+        import gymnax
+        from gymnax.wrappers.gym import GymnaxToGymWrapper
+
+        env = GymnaxToGymWrapper(*gymnax.make(task.removeprefix(GYMNAX)))
     else:
         env = gymnasium.make(task)
     if change == "observed":
@@ -128,7 +136,12 @@ def train(task: str, change: str, learner: str, seed: int, frames: int) -> float
         "checkpoint_every": frames,
         "evaluation_episodes": EPISODES,
     }
-    model = AREAPO(lambda: make(task, change), preset, seed, **reports)
+    env: Any = functools.partial(make, task, change)
+    if task.startswith(GYMNAX) and change == "plain":
+        import gymnax
+
+        env = gymnax.make(task.removeprefix(GYMNAX))
+    model = AREAPO(env, preset, seed, **reports)
     rows: list[dict[str, Any]] = []
     model.learn(frames, lambda _, report: rows.append(report.best.as_dict()))
     model.close()
