@@ -86,6 +86,7 @@ LEFT_OUT = {
     "--recipe recover": "six minutes; tests/refine has it",
     "--recipe adapt": "an hour; tests/refine has it",
     "q1=theta1+180:deg": "a log of other columns; tests/identification has such",
+    "make-controller log.csv": "minutes; tests/cli has it, and benchmarks/unseen.md",
     "identify --rehearse": "it fails for a short excitation; tests/benchmark has it",
 }
 """Command lines that do not run here, and why."""

@@ -60,8 +60,11 @@ def wait_for_rewards(before: LearnerState, after: LearnerState, rollout: Rollout
     From that price alone, training would only save actions, and a rare goal would not be found, or not again. When
     more is known, ``fitted`` lowers σ once if the rewards fall as Σ a² rises. Where torques cost nothing, as on
     Swimmer, large noise explores better. Where they cost much, training lowers σ, but slowly: a reacher needs
-    100,000 steps, and until then the noise hides all other effects of an action.
+    100,000 steps, and until then the noise hides all other effects of an action. With the paper's deviation, that
+    of the state, the policy always moves: its entropy counts where rewards tell nothing.
     """
+    if config.deviation == "state":
+        return after
     share, varies = price_of_actions(before.actor, rollout)
     told = (varies & (share < WHOLE_SHARE)) | jnp.any(rollout.terminated)
     actor = jax.tree.map(lambda new, old: jnp.where(told, new, old), after.actor, before.actor)
