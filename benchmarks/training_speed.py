@@ -81,7 +81,4 @@ def main(robot: str, frames: int) -> None:
 
 
 if __name__ == "__main__":
-    main(
-        sys.argv[1] if len(sys.argv) > 1 else "acrobot",
-        int(sys.argv[2]) if len(sys.argv) > 2 else 1_500_000,
-    )
+    main(sys.argv[1] if len(sys.argv) > 1 else "acrobot", int(sys.argv[2]) if len(sys.argv) > 2 else 1_500_000)

@@ -10,8 +10,9 @@ import pytest
 from refusals import refusal
 from swingup import get_controller, judge, score
 from swingup.benchmark.board import Setting
-from swingup.benchmark.boards import ICRA_REAL, ROBUSTNESS, UPTIME
+from swingup.benchmark.boards import ICRA_REAL, ROBUSTNESS, SIM2REAL, UPTIME
 from swingup.benchmark.boards import PERFORMANCE as BOARD
+from swingup.benchmark.judge import make_setting
 from swingup.benchmark.plausibility import examine
 from swingup.benchmark.robustness_board import change_grid
 from swingup.benchmark.runner import prepare
@@ -50,6 +51,14 @@ def test_lengths_decide_what_is_up():
     found = score(up, "acrobot", plant=B0, force=True)
     assert (found.successes, found.runs[0].tip.reach) == (1, pytest.approx(0.7))
     assert not score(level, "acrobot", plant=B0).successes
+
+
+def test_a_recording_and_a_simulation_of_a_plant_have_the_same_limits():
+    """In the plant's own units, of which C.1's 20 rad/s are some others."""
+    recorded, simulated = (
+        SIM2REAL.on(each) for each in (Setting(ACROBOT, B0), make_setting(ACROBOT, SIM2REAL, B0))
+    )
+    assert recorded.limits == simulated.limits != SIM2REAL.limits
 
 
 def test_a_recording_is_examined_by_its_plant():

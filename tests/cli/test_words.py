@@ -33,6 +33,10 @@ NONSENSE = [
     ("leaderboard --json --csv", "--json and --csv exclude each other"),
     ("evaluate acrobot --board robustness --seeds 2147483648", "2147483648"),
     ("evaluate acrobot --criteria delay", "those of --board robustness"),
+    ("evaluate acrobot --check --json", "--json does not go with --check"),
+    ("evaluate acrobot --check --velocity-noise 3", "--velocity-noise does not go with --check"),
+    ("leaderboard --page x.png", "x.png: its name must end in .html"),
+    ("plot phase none.csv --out x.png --plant A.0", "--plant goes with trajectory and animation"),
     # Training.
     ("train", "name a robot (acrobot, pendubot) or give --env ID"),
     ("train acrobot --learning-rate fast", "learning_rate = 'fast': use a number"),
@@ -54,6 +58,9 @@ NONSENSE = [
     ("export tvlqr --robot acrobot --plant C.0 --to numpy --out x", "a baseline is not written for numpy"),
     ("export ilqr-mpc --robot acrobot --to c --out x", "ilqr-mpc cannot be exported: use lqr"),
     ("export --robot acrobot --to c --out x --seed 3", "--seed goes with --to trajectory"),
+    ("export tvlqr --robot acrobot --to trajectory --out t.csv --zero1 3", "--zero1 is of a controller"),
+    ("export tvlqr --robot acrobot --to trajectory --out t.csv --no-guard", "--no-guard is of a controller"),
+    ("make-controller C.1 --robot acrobot --to numpy --out x", "use one of realaigym, cloudpendulum, c"),
     ("export --robot acrobot --to realaigym --out full", "full is there already"),
     ("export --robot acrobot --to realaigym --out x --username a,b", "'a,b'"),
     ("export --robot acrobot --to c --out x.h --no-guard --braking 1", "leave --no-guard out"),
@@ -164,6 +171,15 @@ def test_standard_output_that_is_closed_full_or_without_a_reader(output, told, m
         monkeypatch.setattr(sys, "stdout", stream)
         assert main(["--help"]) == (1 if output == "gone" else 2)
     assert capsys.readouterr().err == told
+
+
+def test_what_the_system_refuses_is_not_laid_to_standard_output(monkeypatch, capsys):
+    def fork(*_):
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(commands, "run_command", fork)
+    assert main(["plant"]) == 2
+    assert capsys.readouterr().err == "swingup: error: the system refused: Resource temporarily unavailable\n"
 
 
 def test_commas_within_parentheses_belong_to_a_value():

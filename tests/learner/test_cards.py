@@ -54,6 +54,13 @@ def test_a_card_says_what_the_best_policy_is_and_can_do(tmp_path):
     assert "| RealAI score | `0.7` |\n| saved after" in card_of(tmp_path, 0.7, robot="acrobot")
 
 
+@pytest.mark.parametrize("scores", [[1], {"episodes": 3}, {"a": {"score": 1.0}, "b": {}}])
+def test_damaged_scores_are_named(scores, tmp_path):
+    policy = walker(1)
+    write_network(tmp_path / "best.safetensors", policy.network, {**policy.metadata, "scores": scores})
+    assert "best.safetensors is not there or has no scores" in refusal(write_card, tmp_path)
+
+
 def test_a_run_has_a_page_with_its_learning_curve(tmp_path):
     for name, score in (("one", 3.0), ("other", 4.0)):
         (tmp_path / name).mkdir()
@@ -69,7 +76,7 @@ def test_a_run_has_a_page_with_its_learning_curve(tmp_path):
     assert "best mean return" in page
     assert "shoulder" not in page.split("<footer>")[1].split("</footer>")[0]
     assert "go with animation" in refusal(plot_command, "curve", runs, out=str(tmp_path / "p.png"), fps=9.0)
-    assert "go with traj" in refusal(plot_command, "curve", runs, out=str(tmp_path / "p.png"), columns=("time",))
+    assert "--columns goes" in refusal(plot_command, "curve", runs, out=str(tmp_path / "p.png"), columns=("time",))
     saved(tmp_path / "other" / "best.safetensors", walker(1))
     assert "has no scores: name the folder" in refusal(plot_command, "curve", runs, out=str(tmp_path / "p.html"))
     assert "best mean return" in (tmp_path / "curve.svg").read_text(encoding="utf-8")

@@ -74,6 +74,23 @@ def test_who_did_not_see_the_last_steps_goes_on_from_what_the_stream_shows(tmp_p
     assert (plant.resets, plant.steps) == (1, 192)
 
 
+class Telling(gymnasium.vector.SyncVectorEnv):
+    """A vector environment of one plant with other infos."""
+
+    def step(self, actions):
+        return (*super().step(actions)[:4], self.infos)
+
+
+def test_infos_that_say_nothing_and_late_steps_of_another_shape():
+    vector = Telling([Plant])
+    environments = make_environments(vector, 1, stream=True)
+    environments.reset(0)
+    for vector.infos in ([], None, {}):
+        assert not environments.step(np.zeros((1, 1))).late.any()
+    for vector.infos in ({"late": np.ones(3)}, {"late": "yes"}):
+        assert "gave late" in refusal(environments.step, np.zeros((1, 1)))
+
+
 def test_late_steps_are_counted_and_cut_the_stream():
     """Step 1 comes first in its rollout, where a pause is expected; steps 6 and 7 come late within it."""
     plant = Plant(late=(1, 6, 7))

@@ -14,15 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..identification.causes import (
-    INDEX,
-    NOTHING,
-    Expected,
-    Explanation,
-    expected_of,
-    explain,
-    roughness,
-)
+from ..identification.causes import INDEX, NOTHING, Expected, Explanation, expected_of, explain, roughness
 from ..identification.prediction import integration_of
 from ..identification.recording import Recording, read_recording
 from ..loop.domain import Domain

@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from ..common.checks import check_seeds
 from ..common.errors import SwingupError
-from ..common.table import read_table, write_columns
+from ..common.table import read_table
 from ..controllers.interface import PythonController
 from ..identification.excitation import PERIOD
 from ..identification.identify import identify
@@ -27,7 +27,8 @@ from ..loop.draw import draw
 from ..loop.resolve import resolve
 from ..plant.base_parameters import BASE_NAMES, base_parameters
 from ..plant.plant import PlantLike, get_robot
-from .rollout import Scenario
+from .recording import save_trajectory
+from .rollout import Scenario, Trajectory
 from .runner import run_one
 
 LOOP = "recorded"  # The loop of a plant whose file has none, as in ``rehearse``
@@ -76,22 +77,19 @@ class Player:
         return u
 
 
-def rehearse_identification(
-    plant: PlantLike | Domain, excitation: str | Path, domain: Domain | str | None = None, seed: int = 0
-) -> list[Found]:
+def rehearse_identification(plant: PlantLike | Domain, excitation: str | Path, seed: int = 0) -> list[Found]:
     """Identify a specimen of a plant from its log of an excitation.
 
     Args:
         plant: the plant as it is believed to be.
         excitation: a file of ``excite``.
-        domain: the loop; None for what the plant's file says, or ``recorded``.
         seed: of the specimen and the noise.
 
     Raises:
-        SwingupError: there is no such plant or domain, the file is not an excitation, or its log says nothing.
+        SwingupError: there is no such plant, the file is not an excitation, or its log says nothing.
     """
     check_seeds(seed, 1)
-    facts = resolve(plant, LOOP if domain is None else domain)
+    facts = resolve(plant, LOOP)
     prior = prior_around(facts) if facts.knows_plant else facts
     rows = _read(excitation)
     believed = prior.nominal_plant
@@ -107,7 +105,8 @@ def rehearse_identification(
     run_one(PythonController(player), scenario, PERIOD, len(rows), prior.depth)
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "rehearsal.csv"
-        write_columns(log, dict(zip(_LOG_NAMES, np.array(player.log).T, strict=True)))
+        rows = np.array(player.log)
+        save_trajectory(log, Trajectory(rows[:, 0], rows[:, 1:5], rows[:, 5:]))
         found = identify([log], start=believed, seed=seed)
     truths = dict(zip(BASE_NAMES, (base_parameters(specimen) / float(loop.gain1)).tolist(), strict=True))
     tolerances = _tolerances(base_parameters(believed), believed.g, believed.gr)
@@ -116,20 +115,13 @@ def rehearse_identification(
         truths[f"offset{joint}"] = float(zero) + float(getattr(loop, f"offset{joint}"))
         tolerances[f"offset{joint}"] = ZERO
     values, intervals = found.estimates.values, found.estimates.intervals
-    names = [name for name in truths if TITLES.get(name, name) in intervals]
-    return [
-        Found(
-            TITLES.get(name, name),
-            truths[name],
-            values[TITLES.get(name, name)],
-            intervals[TITLES.get(name, name)],
-            tolerances[name] if name.startswith("offset") else max(CLOSE * abs(truths[name]), tolerances[name]),
-        )
-        for name in names
-    ]
-
-
-_LOG_NAMES = ("time", "pos_meas1", "pos_meas2", "vel_meas1", "vel_meas2", "tau_con1", "tau_con2")
+    parameters = []
+    for name, truth in truths.items():
+        title, tolerance = TITLES.get(name, name), tolerances[name]
+        if title in intervals:
+            tolerance = tolerance if name.startswith("offset") else max(CLOSE * abs(truth), tolerance)
+            parameters.append(Found(title, truth, values[title], intervals[title], tolerance))
+    return parameters
 
 
 def _read(path: str | Path) -> np.ndarray:
@@ -137,7 +129,7 @@ def _read(path: str | Path) -> np.ndarray:
         table = read_table(path, [[(name,)] for name in (*NAMES, *GAINS)])
     except SwingupError as error:
         raise SwingupError(f"{path} is not an excitation ({error}): swingup excite writes one") from None
-    return np.column_stack([np.asarray(column) for column in table.values.values()])
+    return np.column_stack(list(table.values.values()))
 
 
 def _tolerances(theta: np.ndarray, gravity: float, gear: float) -> dict[str, Any]:

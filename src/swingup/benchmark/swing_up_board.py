@@ -80,7 +80,7 @@ class SwingUpBoard(AbstractBoard):
         """The board with the robot's normalisers, and limits and pushes in the pendulum's own units."""
         normalisers = self.for_robots.get(setting.robot.name, self.normalisers)
         board = replace(self, normalisers=normalisers, for_robots={})
-        if setting.domain is None:
+        if self.domain is None:
             return board
         scales = scales_of(setting.nominal)
         pushes = {name: scaled(each, scales) for name, each in board.pushes.items()}

@@ -57,8 +57,13 @@ def main(arguments: list[str] | None = None) -> int:
         reason = error.strerror or str(error)
         if error.filename is not None:
             return _refuse(SwingupError(f"cannot use {error.filename}: {reason}; choose another name or folder"))
-        if sys.stdout is not None:  # the interpreter flushes it when it exits, which would fail again
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if sys.stdout is not None:
+            try:
+                sys.stdout.flush()
+            except OSError:  # the interpreter flushes it when it exits, which would fail again
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            else:
+                return _refuse(SwingupError(f"the system refused: {reason}"))
         if isinstance(error, BrokenPipeError):  # the reader has gone, as in `swingup ... | head`
             return 1
         return _refuse(SwingupError(f"cannot write standard output: {reason}"))

@@ -104,7 +104,7 @@ def refuse_ignored(options: Mapping[str, Any], why: str) -> None:
     """Refuse options that were given and would be ignored."""
     for name, value in options.items():
         if not (value is None or value is False or value == ()):
-            raise SwingupError(f"--{name} {why}: leave it out")
+            raise SwingupError(f"--{name.replace('_', '-')} {why}: leave it out")
 
 
 def check_outputs(formats: Sequence[str], *paths: str | None) -> None:

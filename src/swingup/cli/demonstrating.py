@@ -15,8 +15,8 @@ from ..learner.run import Run
 from ..learner.run_folder import BEST, FIRST
 from ..plant.plant import ROBOTS, Robot
 from ..policy.shipped import load_policy
+from ..report.log_report import curves_part
 from ..report.page import page_template, render_page, trained_section
-from ..report.run_report import curves_part
 from .arguments import RobotName
 from .output import Progress, program_typed, tell
 from .results import comparison_lines

@@ -49,9 +49,19 @@ from ..rehearsal.rehearse import Rehearsal, rehearse
 from ..report.draw import FIGURE_FORMATS, draw, render
 from ..report.figures import make_labels, phase_figure, read_robustness, robustness_figure, trajectory_figure
 from ..report.film import FILM_FORMATS, FPS, SIZE, animate
+from ..report.log_report import learning_curves, report_runs
 from ..report.page import PAGE_FORMATS, save_log_report
-from ..report.run_report import learning_curves, report_runs
-from .arguments import NO_OPTIONS, DomainName, FileName, Names, PlantOptions, RobotName, facts_of, word_of
+from .arguments import (
+    NO_OPTIONS,
+    DomainName,
+    FileName,
+    Names,
+    PlantOptions,
+    RobotName,
+    facts_of,
+    refuse_ignored,
+    word_of,
+)
 from .output import Progress, tell, tell_json
 from .results import aligned, result_lines
 
@@ -115,13 +125,15 @@ def export_command(
     check_destination(to, out, name)
     if estimator is not None and (to == TRAJECTORY or policy not in BASELINES):
         raise SwingupError("--estimator goes with a baseline's controller: leave it out")
-    if to == TRAJECTORY:
-        _export_trajectory(policy, _needed(robot, policy), out, plant, seed)
-        return
-    if seed is not None:
-        raise SwingupError("--seed goes with --to trajectory: leave it out")
     if precision != "double" and to != "c":
         raise SwingupError(f"--precision {precision} goes with --to c: leave it out")
+    zeros = {name: value for name, value in {"zero1": zero1, "zero2": zero2}.items() if value is not None}
+    changes = {"velocity_limit": velocity_limit, "braking": braking}
+    if to == TRAJECTORY:
+        refuse_ignored({**zeros, **changes, "no-guard": not guard}, "is of a controller, not of a trajectory")
+        _export_trajectory(policy, _needed(robot, policy), out, plant, seed)
+        return
+    refuse_ignored({"seed": seed}, "goes with --to trajectory")
     found: TaskPolicy | PendulumPolicy | FeedbackPolicy
     if policy in BASELINES:
         if to not in (*ROBOT_FORMS, "c"):
@@ -129,14 +141,11 @@ def export_command(
         found = feedback_policy(policy, _needed(robot, policy), facts_of(plant) or LEADERBOARD, bool(estimator))
     else:
         found = load_policy(policy, robot, facts_of(plant))
-    zeros = {name: value for name, value in {"zero1": zero1, "zero2": zero2}.items() if value is not None}
-    changes = {"velocity_limit": velocity_limit, "braking": braking}
     if not isinstance(found, TaskPolicy):
         found = dataclasses.replace(found, plant=validated(found.plant.changed(**zeros)))
         found = dataclasses.replace(found, guard=choose_export_guard(found, to, guard, changes))
-    elif any(value is not None for value in (zeros | changes).values()):
-        what = f"{policy} is of {quoted(found.task)}, without zeros and without a guard"
-        raise SwingupError(f"{what}: leave its settings out")
+    else:
+        refuse_ignored(zeros | changes, f"is of pendulums, and {policy} of {quoted(found.task)}")
     write_export(found, to, out, name, username, precision)
 
 
@@ -325,8 +334,10 @@ def plot_command(
         raise SwingupError("nothing to draw: give at least one file")
     if kind != "animation" and (fps, size, speed) != (FPS, SIZE, 1.0):
         raise SwingupError("--fps, --size and --speed go with animation: leave them out")
-    if kind in ("robustness", "curve") and (robot or plant or columns):
-        raise SwingupError("robot, plant and columns go with trajectories: leave them out")
+    if kind in ("robustness", "curve"):
+        refuse_ignored({"robot": robot, **plant, "columns": columns}, "goes with trajectories")
+    if kind == "phase":
+        refuse_ignored(plant, "goes with trajectory and animation")
     formats = {"animation": FILM_FORMATS, "curve": PAGE_FORMATS}
     suffix = check_suffix(out, formats.get(kind, FIGURE_FORMATS))
     found = facts_of(plant) or LEADERBOARD

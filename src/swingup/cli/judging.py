@@ -30,9 +30,11 @@ from .arguments import (
     Names,
     PlantOptions,
     RobotName,
+    check_outputs,
     facts_of,
     optional,
     plant_of,
+    refuse_ignored,
     value_of,
 )
 from .output import Progress, foreign_prints_apart, tell, tell_json
@@ -113,15 +115,16 @@ def evaluate_command(
         save: also write the first run's trajectory to this CSV file.
         disturbance: disturbances of a swing-up on performance and hardware; the boards' runs have none.
     """
+    simulated = {"domain": domain, "save": save, "grid": grid, "criteria": criteria, "seeds": seeds, **disturbance}
+    simulated["board"] = board != ("performance",)
     if robot is None:
-        others = {"check": check, "plant": plant, "domain": domain, "save": save, "estimator": estimator}
-        others |= {"grid": grid, "criteria": criteria, "disturbances": disturbance, "seeds": seeds}
-        others["board"] = board != ("performance",)
-        return play_episodes(controller, task, seed, json, [name for name, value in others.items() if value])
+        refuse_ignored({**simulated, **plant, "estimator": bool(estimator), "check": check}, "goes with a robot")
+        return play_episodes(controller, task, seed, json)
     if task:
         raise SwingupError(f"--{next(iter(task))} goes with other tasks: leave it out, or {robot.name}")
     wanted = estimator.get("estimator")
     if check:
+        refuse_ignored({**simulated, "json": json, "seed": seed or None}, "does not go with --check")
         return _check(controller, robot, wanted, facts_of(plant) or LEADERBOARD)
     given: Any = {**disturbance, "pushes": PushRules() if disturbance.get("pushes") else None}
     disturbed = DisturbanceSettings(**given) if disturbance else None
@@ -218,8 +221,7 @@ def leaderboard_command(
     asked = [name for name, wanted in {"json": json, "csv": csv, "markdown": markdown}.items() if wanted]
     if len(asked) > 1:
         raise SwingupError(f"--{' and --'.join(asked)} exclude each other: choose one")
-    if page is not None:
-        check_writable(page)
+    check_outputs([".html"], page)
     boards, on = _boards(board), facts_of(plant)
     mine = {
         each: {

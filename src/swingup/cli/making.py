@@ -20,8 +20,7 @@ from ..common.files import check_suffix
 from ..controllers.baselines.baselines import feedback_policy
 from ..controllers.registry import get_controller
 from ..controllers.stack.policy import make_controller
-from ..export.folder import FORMS as FOLDERS
-from ..export.folder import NAME, cloudpendulum_guard
+from ..export.folder import NAME, ROBOT_FORMS, cloudpendulum_guard
 from ..identification.identify import Identification, identify
 from ..learner.run import start_or_resume_run
 from ..learner.run_folder import BEST
@@ -64,7 +63,7 @@ def make_controller_command(
     sources: Annotated[tuple[str, ...], arg(metavar="LOG...|PLANT")],
     /,
     out: Annotated[str, arg(metavar="PATH")],
-    to: Annotated[str, word_of("format", *FOLDERS, "c")] = "c",
+    to: Annotated[str, word_of("format", *ROBOT_FORMS, "c")] = "c",
     robot: RobotName | None = None,
     start: Annotated[str | None, arg(metavar="NAME|FILE")] = None,
     set: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME=VALUE...")] = (),
@@ -83,8 +82,8 @@ def make_controller_command(
     The shipped policy swings many pendulums up if it is told another plant than the true one: the command searches
     for one in simulation. If none succeeds on 95 % of the drawn pendulums, the command tries TVLQR along a swing-up
     of the plant behind a state estimator, and then trains a policy. The best controller is judged on other draws.
-    Beside OUT the command writes OUT.safetensors, the policy, and for logs OUT-plant.yml with the plant and
-    OUT-plant-domain.yml with its ranges. It continues a training that was interrupted, in OUT-run.
+    Beside OUT the command writes OUT.safetensors, the policy if it is no TVLQR, and for logs OUT-plant.yml with the
+    plant and OUT-plant-domain.yml with its ranges. It continues a training that was interrupted, in OUT-run.
 
     Args:
         sources: logs as of swingup identify; or the file of a plant, perhaps with ranges and a loop.

@@ -235,14 +235,8 @@ def identify_command(
     if not logs:
         raise SwingupError("swingup identify needs LOG...: see swingup identify --help")
     if rehearse is not None:
-        others: dict[str, Any] = {
-            "test": test,
-            "out": out,
-            "known": known,
-            "sessions": sessions,
-            "columns": columns,
-        }
-        others |= {"start": None if start == "C.1" else start, "force": force, "page": page}
+        others: dict[str, Any] = {"test": test, "out": out, "known": known, "sessions": sessions}
+        others |= {"columns": columns, "start": None if start == "C.1" else start, "force": force, "page": page}
         refuse_ignored(others, "does not go with --rehearse")
         return _rehearse(rehearse, logs, seed, json)
     check_outputs(PLANT_FORMATS, *out)
@@ -277,16 +271,10 @@ def _rehearse(plant: str, files: Sequence[str], seed: int, json: bool) -> int:
     if json:
         tell_json([{**vars(each), "passes": each.passes} for each in found])
     else:
-        rows = [
-            [
-                each.name,
-                f"{each.truth:.4g}",
-                f"{each.value:.4g}",
-                "{:.4g} to {:.4g}".format(*each.interval),
-                "pass" if each.passes else "fail",
-            ]
-            for each in found
-        ]
+        rows = []
+        for each in found:
+            interval, verdict = "{:.4g} to {:.4g}".format(*each.interval), "pass" if each.passes else "fail"
+            rows.append([each.name, f"{each.truth:.4g}", f"{each.value:.4g}", interval, verdict])
         tell_table(["", "truth", "found", "95 % interval", ""], rows, title=f"a specimen of {plant}")
         if failed := [each.name for each in found if not each.passes]:
             remedy = "a longer or stronger excitation, or another log, may"

@@ -24,10 +24,8 @@ class EpisodeOptions(TypedDict, total=False):
     episodes: Annotated[int, optional("number of episodes, each of at most 2,000 steps; default 20.")]
 
 
-def play_episodes(controller: str, task: EpisodeOptions, seed: int, json: bool, given: Sequence[str]) -> int:
+def play_episodes(controller: str, task: EpisodeOptions, seed: int, json: bool) -> int:
     """Play episodes of a policy file in an environment, and print what they gave."""
-    if given:
-        raise SwingupError(f"--{given[0]} goes with a robot: name acrobot or pendubot, or leave it out")
     if not has_suffix(controller, SUFFIX):
         raise SwingupError(
             f"{controller} is for robots: name acrobot or pendubot, or give --controller FILE.safetensors"

@@ -16,14 +16,16 @@ from ..areapo.config import Config, format_value, is_pair, parse_value
 from ..benchmark.judge import judge
 from ..common.errors import SwingupError
 from ..controllers.registry import get_controller
+from ..learner.card import measured
 from ..learner.compiled_backend import share_cores
 from ..learner.metrics import METRICS_FILE, REWARD_RATE, describe_rates, read_metrics, shown_rate, training_resets
 from ..learner.presets import PENDULUM_PRESET, PRESETS, get_preset
 from ..learner.problem import INTERVALS, RobotProblem
 from ..learner.progress import TrainingReport
 from ..learner.run import Run, resume_run, start_run
-from ..learner.run_folder import BEST, LAST, result_on_disk
+from ..learner.run_folder import BEST
 from ..learner.run_settings import make_run_settings, read_run_settings
+from ..policy.file import read_metadata
 from .arguments import NO_OPTIONS, PlantOptions, RobotName, facts_of, optional, task_name, value_of
 from .output import Progress, program_typed, tell, tell_table
 from .results import judged_name, plant_note, result_lines
@@ -225,9 +227,8 @@ def _score(run: Run) -> int:
         result = judge(controller, problem.name, name=str(file), plant=problem.plant)
         tell(*result_lines(result, judged_name(str(file), controller)))
     else:
-        file = file if file.exists() else run.folder / LAST
         print(f"best score {shown_rate(run.best_score)}, policy {file}")
-        print(describe_rates(result_on_disk(file, run.backend.evaluator.measure)))
+        print(describe_rates(measured(read_metadata(file))[2]))
     return 0
 
 

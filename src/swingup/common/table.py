@@ -74,10 +74,7 @@ def write_columns(path: str | Path, columns: Mapping[str, np.ndarray]) -> None:
 
 
 def read_table(
-    path: str | Path,
-    groups: Sequence[Sequence[Names]],
-    columns: Sequence[str] = (),
-    gaps: bool = False,
+    path: str | Path, groups: Sequence[Sequence[Names]], columns: Sequence[str] = (), gaps: bool = False
 ) -> Table:
     """Read columns in float64: the first complete choice of each group, the time first.
 

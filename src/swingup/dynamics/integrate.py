@@ -9,16 +9,7 @@ import math
 import jax
 
 from ..common.types import Scalar, State, Torque
-from ..plant.equations import (
-    COULOMB_STEEPNESS,
-    Friction,
-    Lumped,
-    Number,
-    Pair,
-    StateFloats,
-    gravity,
-    mass_entries,
-)
+from ..plant.equations import COULOMB_STEEPNESS, Friction, Lumped, Number, Pair, StateFloats, gravity, mass_entries
 from ..plant.plant import Plant, lump
 from .dynamics import derivative
 from .trigonometry import arctan, sine_cosine

@@ -120,17 +120,16 @@ def export_folder(
                 _write(package / file, root.joinpath(*file.split("/")).read_bytes())
             # Not this package's own, which offers what the folder lacks.
             _write(package / "__init__.py", ABOUT.encode())
-            if isinstance(policy, FeedbackPolicy):
-                values = law_values(policy) | _guard_values(policy, username)
-                test = loop_test(dataclasses.replace(policy, guard=None))
-                write_feedback(package / LAW_FILE, policy)
-            elif isinstance(policy, PendulumPolicy):
-                values = readme_values(policy) | _entry_values(policy) | _guard_values(policy, username)
-                test = loop_test(dataclasses.replace(policy, guard=None))
-                write_pendulum_policy(package / "policy.safetensors", policy, policy.metadata)
-            else:
+            if isinstance(policy, TaskPolicy):
                 values, test = _task_values(policy), task_test(policy)
                 write_network(package / "policy.safetensors", policy.network, policy.metadata)
+            else:
+                values = _pendulum_values(policy) | _guard_values(policy, username)
+                test = loop_test(dataclasses.replace(policy, guard=None))
+                if isinstance(policy, FeedbackPolicy):
+                    write_feedback(package / LAW_FILE, policy)
+                else:
+                    write_pendulum_policy(package / "policy.safetensors", policy, policy.metadata)
             _write(package / TEST_FILE, test.to_json().encode())
             _write(made / entry, _filled(f"{form}.py.txt", shared | values))
             _write(made / readme, _filled(f"{form}.md", shared | values))
@@ -192,15 +191,6 @@ def _filled(template: str, values: Mapping[str, str]) -> bytes:
     return re.sub(r"@([A-Z0-9_]+)@", lambda match: values[match[1]], text).encode()
 
 
-def _entry_values(policy: PendulumPolicy) -> dict[str, str]:
-    """What an entry says of its policy besides the README's values."""
-    behind = " behind a state estimator" if policy.estimator else ""
-    made, method = "Average-reward maximum-entropy RL (AR-EAPO): one network", "AR-EAPO"
-    if policy.regulator:
-        made, method = "One network distilled from teachers (one by AR-EAPO) with a regulator", "distilled"
-    return {"DESCRIPTION": f"{made}{behind}", "METHOD": method}
-
-
 def _guard_values(policy: PendulumPolicy | FeedbackPolicy, username: str) -> dict[str, str]:
     """The guard's settings, for their owner to change, and whose entry it is."""
     guard = "False"
@@ -227,37 +217,26 @@ def _task_values(policy: TaskPolicy) -> dict[str, str]:
     }
 
 
-def readme_values(policy: PendulumPolicy) -> dict[str, str]:
-    """What a folder's README says of a pendulum's policy, for the gaps of a template."""
-    layers, joint = " and ".join(str(len(layer.bias)) for layer in policy.network.trunk), JOINTS[policy.robot.joint]
-    switched = "nothing is switched, tracked or planned"
+def _pendulum_values(policy: PendulumPolicy | FeedbackPolicy) -> dict[str, str]:
+    """What a folder's README and entry say of a pendulum's controller, for the gaps of a template."""
+    robot, seen = policy.robot, _seen(policy)
+    rate = f"one call every {policy.period:g} s" if policy.period else ANY_RATE
+    values = {"ESTIMATOR": seen, "TORQUE": _torque(policy), "RATE": rate, "ROBOT": robot.name}
+    if isinstance(policy, FeedbackPolicy):
+        top, kind = "a linear-quadratic regulator holds it upright", f"The optimal-control baseline {policy.name}"
+        law = f"{top[0].upper()}{top[1:]}." if policy.swing_up is None else f"It follows a swing-up, then {top}."
+        return values | {"DESCRIPTION": kind, "KIND": kind, "LAW": law, "METHOD": policy.name}
+    layers = " and ".join(str(len(layer.bias)) for layer in policy.network.trunk)
+    kind, switched = f"A {BY_AREAPO}", "nothing is switched, tracked or planned"
+    made, method = "Average-reward maximum-entropy RL (AR-EAPO): one network", "AR-EAPO"
     if policy.regulator:
+        kind = f"A network distilled from teachers, one of which is a {BY_AREAPO}"
         switched = "near upright a linear-quadratic regulator takes over"
-    return {
-        "ESTIMATOR": _seen(policy),
-        "KIND": f"A network distilled from teachers, one of which is a {BY_AREAPO}"
-        if policy.regulator
-        else f"A {BY_AREAPO}",
-        "LAW": f"One network with hidden layers of {layers} units gives the torque of the {joint}; {switched}.",
-        "TORQUE": _torque(policy),
-        "RATE": f"one call every {policy.period:g} s" if policy.period else ANY_RATE,
-        "ROBOT": policy.robot.name,
-    }
-
-
-def law_values(policy: FeedbackPolicy) -> dict[str, str]:
-    """The same of a feedback law."""
-    top, kind = "a linear-quadratic regulator holds it upright", f"The optimal-control baseline {policy.name}"
-    return {
-        "DESCRIPTION": kind,
-        "ESTIMATOR": _seen(policy),
-        "KIND": kind,
-        "LAW": f"{top[0].upper()}{top[1:]}." if policy.swing_up is None else f"It follows a swing-up, then {top}.",
-        "METHOD": policy.name,
-        "TORQUE": _torque(policy),
-        "RATE": f"one call every {policy.period:g} s" if policy.period else ANY_RATE,
-        "ROBOT": policy.robot.name,
-    }
+        made, method = "One network distilled from teachers (one by AR-EAPO) with a regulator", "distilled"
+    made += " behind a state estimator" if policy.estimator else ""
+    joint = JOINTS[robot.joint]
+    law = f"One network with hidden layers of {layers} units gives the torque of the {joint}; {switched}."
+    return values | {"DESCRIPTION": made, "KIND": kind, "LAW": law, "METHOD": method}
 
 
 def _seen(policy: PendulumPolicy | FeedbackPolicy) -> str:

@@ -14,15 +14,7 @@ import numpy as np
 
 from ..common import __version__
 from ..common.errors import needing
-from ..policy.network import (
-    FLOAT32_SUM_WIDTH,
-    TANH,
-    Activation,
-    Layer,
-    Network,
-    NormaliseStage,
-    PendulumStage,
-)
+from ..policy.network import FLOAT32_SUM_WIDTH, TANH, Activation, Layer, Network, NormaliseStage, PendulumStage
 from ..policy.pendulum import PendulumPolicy
 from ..policy.policy import TaskPolicy, require_plain
 from ..policy.self_test import loop_test, task_test

@@ -11,6 +11,7 @@ from ..policy.file import read_metadata
 from ..policy.policy import TASK
 from .metrics import MISSING, REWARD_RATE, describe_rates, shown_rate
 from .run_folder import BEST
+from .run_settings import MALFORMED
 
 CARD = "README.md"
 
@@ -42,8 +43,10 @@ def best_policy(folder: Path) -> dict[str, Any]:
     """The metadata of the best policy in a run's folder."""
     file = folder / BEST
     metadata = read_metadata(file) if file.exists() else {}
-    if not metadata.get("scores"):
-        raise SwingupError(f"{file} is not there or has no scores: name the folder of a run")
+    try:
+        measured(metadata)
+    except MALFORMED as error:
+        raise SwingupError(f"{file} is not there or has no scores: name the folder of a run") from error
     return metadata
 
 
@@ -52,7 +55,8 @@ def write_card(folder: Path) -> None:
     metadata = best_policy(folder)
     name, score, _ = measured(metadata)
     # JSON is YAML, whatever a task is called.
-    task = json.dumps(str(metadata.get("robot") or metadata[TASK]))
+    of = str(metadata.get("robot") or metadata[TASK])
+    task = json.dumps(of)
     results = f"""
 model-index:
 - name: AR-EAPO
@@ -68,7 +72,7 @@ pipeline_tag: reinforcement-learning
 tags: [reinforcement-learning, {task}]{"" if score is None else results}
 ---
 
-# A policy for {json.loads(task)}
+# A policy for {of}
 
 | | |
 |---|---|

@@ -159,7 +159,9 @@ class Environments:
         if self.stream:
             if terminated.any() or truncated.any():
                 _refuse_end(self._name, bool(terminated.any()))
-            late |= np.asarray(returned["infos"].get(LATE, False), np.bool_)
+            told = returned["infos"]
+            if isinstance(told, Mapping) and LATE in told:
+                late = self._array(LATE, told[LATE], each, "biuf") != 0
             counted = ~late
         following, true_next = self._around_resets(observations, terminated | truncated, returned["infos"])
         rewards = np.where(counted, rewards, np.float32(0.0))

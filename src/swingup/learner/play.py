@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 
 from .. import gym  # noqa: F401 (registers swingup's own ids)
-from ..benchmark.values import Interval, mean_interval, share_interval
+from ..benchmark.values import mean_interval, share_interval
 from ..common.checks import whole_number
 from ..common.errors import SwingupError, errors_named_after, one_line
 from ..policy.pendulum import PendulumPolicy
@@ -32,20 +32,16 @@ class Episodes:
     successes: int | None = None
     """Episodes in which the environment said ``is_success``; None where it never says whether."""
 
-    @property
-    def interval(self) -> Interval | None:
-        """95 % interval of the mean return; None for one episode."""
-        return mean_interval(self.returns, -math.inf, math.inf) if len(self.returns) > 1 else None
-
     def as_dict(self) -> dict[str, Any]:
         """Mean return, reward rate, mean length, resets in 1,000 steps and successes, as JSON values."""
         steps, number = sum(self.lengths), len(self.returns)
+        interval = mean_interval(self.returns, -math.inf, math.inf) if number > 1 else None
         found: dict[str, Any] = {
             "task": self.task,
             "episodes": number,
             "return": float(np.mean(self.returns)),
             "return_deviation": float(np.std(self.returns)),
-            "return_interval": self.interval,
+            "return_interval": interval,
             "reward_rate": sum(self.returns) / steps,
             "mean_length": steps / number,
             "resets_per_1000_steps": 1000.0 * self.terminations / steps,

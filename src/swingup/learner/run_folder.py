@@ -155,14 +155,6 @@ def seed_file(name: str, settings: RunSettings, index: int) -> str:
     return name if settings.seeds == 1 else name.replace(".", f"-{settings.seed + index}.")
 
 
-def result_on_disk(path: Path, measure: str) -> dict[str, Any]:
-    """The result of the evaluation under which a policy file was written."""
-    try:
-        return dict(read_network(path)[1]["scores"][measure])
-    except (KeyError, TypeError, ValueError) as error:
-        raise SwingupError(f"{path} holds no result of {measure}: train again") from error
-
-
 def _rank_on_disk(path: Path, settings: RunSettings, measure: str) -> Rank:
     if not path.exists():
         return UNRANKED

@@ -524,11 +524,7 @@ def _rows(
     zero = 0.0 * torques[joint]
     only = functools.partial(_replaced, (zero, zero))
     # Each unknown's coefficients in both joints' rows, in the unknowns' order; last the right side.
-    table = [
-        *zip(shoulder, elbow, strict=True),
-        only(joint, rates[joint]),
-        only(1 - joint, -torques[1 - joint]),
-    ]
+    table = [*zip(shoulder, elbow, strict=True), only(joint, rates[joint]), only(1 - joint, -torques[1 - joint])]
     if len(constants.mean) > UNKNOWNS:
         table += [only(0, zero + 1.0), only(1, zero + 1.0), only(0, middle[0]), only(1, middle[1])]
     first, second = zip(*table, only(joint, torques[joint]), strict=True)

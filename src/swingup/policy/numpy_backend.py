@@ -13,13 +13,7 @@ from ..plant.plant import Plant, Robot
 from ..plant.units import TORQUE, arm_scales
 from . import estimator, identifier, regulator
 from .contract import LoopController, guarded
-from .estimator import (
-    EstimatorConstants,
-    EstimatorSettings,
-    EstimatorState,
-    default_estimator,
-    estimator_constants,
-)
+from .estimator import EstimatorConstants, EstimatorSettings, EstimatorState, default_estimator, estimator_constants
 from .guard import GuardChoice
 from .identifier import MIN_STEP, IdentifiedPlant
 from .network import Bounds
@@ -214,10 +208,7 @@ def numpy_controller(
 
 
 def load_controller(
-    source: str | Path,
-    robot: Robot | str | None = None,
-    estimator: bool | None = None,
-    guard: GuardChoice = None,
+    source: str | Path, robot: Robot | str | None = None, estimator: bool | None = None, guard: GuardChoice = None
 ) -> LoopController[NumpyPolicy]:
     """Load a controller from a policy file, or by a name of the package's: ``adaptive``, ``ar-eapo`` or ``global``.
 

@@ -269,10 +269,7 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
 
 
 def write_pendulum_policy(
-    path: str | Path,
-    policy: PendulumPolicy,
-    provenance: Mapping[str, Any],
-    parts: Mapping[str, Any] | None = None,
+    path: str | Path, policy: PendulumPolicy, provenance: Mapping[str, Any], parts: Mapping[str, Any] | None = None
 ) -> None:
     """Write a policy file of a pendulum: the policy with its parts, and where it comes from.
 

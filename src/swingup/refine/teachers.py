@@ -19,12 +19,7 @@ from jaxtyping import Array, Float
 from ..benchmark.robustness_board import MODEL_SWEEPS
 from ..common.errors import SwingupError
 from ..common.types import Key, Scalar, State
-from ..controllers.baselines.continuation import (
-    ContinuationSettings,
-    SwingUps,
-    continue_swingups,
-    nominal_swingups,
-)
+from ..controllers.baselines.continuation import ContinuationSettings, SwingUps, continue_swingups, nominal_swingups
 from ..controllers.baselines.upright import passive_friction
 from ..controllers.stack.estimator import JAX
 from ..controllers.stack.policy import PolicyController, plant_of

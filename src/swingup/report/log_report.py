@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -26,10 +27,12 @@ from ..identification.scoring import (
 )
 from ..identification.segments import INTERVAL, Segments
 from ..identification.unknowns import LATENCY
+from ..learner.card import best_policy, facts
+from ..learner.metrics import METRICS_FILE, MISSING, read_metrics
 from ..loop.domain import Domain
 from ..plant.plant import get_robot
 from .figure import DASHED, DOTS, LINE, THIN, Curve, Figure, Panel
-from .figures import TIME
+from .figures import TIME, curves_figure, make_labels
 
 DRAWN_PERIOD = 0.01  # between drawn rows (s)
 STATES = ("q1 (rad)", "q2 (rad)", "dq1 (rad/s)", "dq2 (rad/s)")
@@ -345,3 +348,29 @@ def _judged(result: Result) -> Part:
     tables = [Table(("Board sim2real", "Value"), values), Table(("Failed", "Seeds"), causes)]
     note = "The first one is drawn."
     return Part("Draws that training did not see", note, tables, Figure(panels, shared=True))
+
+
+def learning_curves(runs: Sequence[str | Path]) -> Figure:
+    """The metrics of runs, from their folders or from files of metrics."""
+    files = [_metrics_file(run) for run in runs]
+    return curves_figure(dict(zip(make_labels(files), map(read_metrics, files), strict=True)))
+
+
+def curves_part(runs: Sequence[str | Path]) -> Part:
+    """The metrics of runs as a part of a page."""
+    note = "Reward rate and resets are the exploring policy's. A dot is an evaluation, the line the best so far."
+    return Part("Learning curves", note, figure=learning_curves(runs))
+
+
+def report_runs(runs: Sequence[str | Path]) -> LogReport:
+    """Lay out runs, each in its folder: facts of the best policies, and the learning curves."""
+    files, curves = [_metrics_file(run) for run in runs], curves_part(runs)
+    names, found = make_labels(files), [facts(best_policy(file.parent)) for file in files]
+    keys = dict.fromkeys(key for each in found for key in each)
+    rows = [[key, *(each.get(key, MISSING) for each in found)] for key in keys]
+    best = Part("Best policies", "By the score of their evaluations.", [Table(["", *names], rows)])
+    return LogReport(", ".join(names), "Training runs by swingup.", [best, curves], pendulums=False)
+
+
+def _metrics_file(run: str | Path) -> Path:
+    return Path(run) / METRICS_FILE if Path(run).is_dir() else Path(run)

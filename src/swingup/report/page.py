@@ -186,16 +186,12 @@ def render_page(
         raise SwingupError(f"a report of {', '.join(names) or 'no robot'}: give one section for each robot")
     arrays: dict[str, int] = {}
     encoded = [_encode(section, arrays) for section in sections]
-    figures = [encode(part.figure, arrays) for part in parts]
-    robots = list(zip(sections, encoded, strict=True))
-    return _render(arrays, {"sections": encoded, "figures": figures}, title=title, sections=robots, parts=parts)
+    return _render(arrays, encoded, parts, title=title, sections=list(zip(sections, encoded, strict=True)))
 
 
 def render_log_page(report: LogReport) -> str:
     """Render a report about logs or runs as the text of one HTML file."""
-    arrays: dict[str, int] = {}
-    figures = [encode(part.figure, arrays) for part in report.parts]
-    return _render(arrays, {"figures": figures}, **vars(report))
+    return _render({}, [], **vars(report))
 
 
 def save_log_report(report: LogReport, out: str | Path) -> None:
@@ -209,16 +205,16 @@ def save_log_report(report: LogReport, out: str | Path) -> None:
     write_atomically(out, content)
 
 
-def _render(arrays: Mapping[str, int], shown: dict[str, Any], **texts: Any) -> str:
-    content = json.dumps(
-        {"arrays": list(arrays), "sections": [], "figures": [], **shown}, allow_nan=False, separators=(",", ":")
-    )
+def _render(arrays: dict[str, int], shown: Sequence[Any], parts: Sequence[Part], **texts: Any) -> str:
+    figures = [encode(part.figure, arrays) for part in parts]
+    found = {"arrays": list(arrays), "sections": shown, "figures": figures}
+    content = json.dumps(found, allow_nan=False, separators=(",", ":"))
     # Nothing in a script element may end it.
     for sign in "<\u2028\u2029":
         content = content.replace(sign, f"\\u{ord(sign):04x}")
     return str(
         page_template().render(
-            {"sections": [], "parts": [], "notes": [], "lead": "", "pendulums": True, **texts},
+            {"sections": [], "parts": parts, "notes": [], "lead": "", "pendulums": True, **texts},
             version=__version__,
             style=_asset("style.css"),
             data=content,
