@@ -5,6 +5,7 @@ Comments in the pages' source, which readers do not see, say what a block needs.
 tests, and ``<!-- not run: REASON -->`` excludes it. Each block runs by itself, in an empty folder.
 """
 
+import contextlib
 import functools
 import json
 import re
@@ -77,7 +78,7 @@ def test_python_block_runs(page, first, source, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("line", command_lines())
 def test_command_line_parses(line):
-    assert callable(commands.parse(shlex.split(line)))
+    assert callable(commands.parse(shlex.split(line.partition(" > ")[0])))
 
 
 LEFT_OUT = {
@@ -159,7 +160,11 @@ def test_command_lines_run_in_their_order(tmp_path, monkeypatch, small_grid, bri
     assert all(any(text in line for line in lines) for text in LEFT_OUT)
     for line in lines:
         if not any(text in line for text in LEFT_OUT):
-            assert main(shlex.split(shortened(line))) == 0, line
+            command, _, file = shortened(line).partition(" > ")
+            with contextlib.ExitStack() as stack:
+                if file:
+                    stack.enter_context(contextlib.redirect_stdout(stack.enter_context(open(file, "w"))))
+                assert main(shlex.split(command)) == 0, line
 
 
 def test_commands_named_in_sentences_exist(capsys):

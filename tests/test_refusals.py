@@ -26,6 +26,7 @@ from swingup.identification.excitation import excite
 from swingup.learner.backend import check_actions
 from swingup.learner.problem import make_problem, problem_from_record
 from swingup.loop.resolve import resolve
+from swingup.plant.measured import measured_plant
 from swingup.plant.plant import ROBOTS
 from swingup.policy.shipped import load_policy
 from swingup.policy.spaces import Space
@@ -93,7 +94,8 @@ ENTRIES = {
         "torque_noise": ["0.1"], "torque_response": [math.inf],
     },
     usually(get_controller, name="tvlqr", robot="acrobot"): {
-        "name": ["pid", "mine:", ":it", "..x:it", "math:pi.nothing", "a\nb:it", "\udce9:it"], "robot": ["cartpole"],
+        "name": [math.sin, "pid", "mine:", ":it", "..x:it", "math:pi.nothing", "a\nb:it", "\udce9:it"],
+        "robot": ["cartpole"],
     },
     usually(run_recipe, policy=load_policy("ar-eapo", "acrobot")): {
         "recipe": ["hover"], "plant": ["C.3"], "domain": ["moon", "recorded"], "seed": [-1],
@@ -119,7 +121,7 @@ ENTRIES = {
 
 
 ACROBOT, PENDUBOTS = ROBOTS["acrobot"], get_task("paper", ROBOTS["pendubot"])
-ADAPTIVE = load_policy("adaptive", "acrobot")
+ADAPTIVE, AR_EAPO = load_policy("adaptive", "acrobot"), load_policy("ar-eapo", "acrobot")
 TOGETHER = {
     "a plant goes with a robot, not with Swimmer-v5": lambda: make_problem("Swimmer-v5", "B.0"),
     "robot = None and env = None": lambda: problem_from_record({"robot": None, "env": None}),
@@ -135,6 +137,14 @@ TOGETHER = {
     "are not finite: end it": lambda: score(dataclasses.replace(STILL, u=HOLE.x[:, 2:]), "acrobot"),
     "'ar-eapo': it has a plant of its own": lambda: get_controller("ar-eapo", "pendubot", plant="B.0"),
     "C.1 has tl2 = 0, and": lambda: get_task("smooth", ACROBOT, load_plant("C.1").changed(tl1=0.0, tl2=0.0)),
+    "limit = -1": lambda: loop_controller(get_controller("lqr", "acrobot"), "acrobot", limit=-1),
+    "the policy is for the acrobot, not the pendubot": lambda: adapt("pendubot", "out.safetensors", policy=AR_EAPO),
+    "leave them out with a policy": lambda: adapt("acrobot", "out.safetensors", policy=AR_EAPO, frames=64),
+    "has no motor at joint = 'shoulder'": lambda: excite(c1(tl1=0.0), joint="shoulder"),
+    "unknown robot 'hexapod'": lambda: get_task("paper", "hexapod"),
+    "l2 = 0 must be positive": lambda: measured_plant(
+        values={"m1": 1.0, "m2": 1.0, "l1": 1.0, "l2": 0.0, "tl1": 1.0}
+    ),
     "in plain Python: call it as it is": lambda: loop_controller(get_controller("math:sin", "acrobot"), "acrobot"),
     "the acrobot, not the pendubot": lambda: loop_controller(get_controller("lqr", "acrobot"), "pendubot"),
     "form numpy is not for a pendulum: use realaigym": lambda: export_folder(ADAPTIVE, "out", "numpy"),

@@ -107,7 +107,8 @@ def test_a_free_fall_determines_ratios_alone(tmp_path):
     found = swingup.identify(logs).estimates
     assert [name for name in (*BASE, RATIO) if found.determined[name]] == [RATIO]
     assert found.values[RATIO] == pytest.approx(EXPECTED["m2 r2"] / EXPECTED["m1 r1 + m2 l1"], rel=0.01)
-    # One known value gives the scale of all.
+    # A rotor without inertia has no scale; one known value above 0 gives that of all.
+    assert swingup.identify(logs, known={"Ir": 0.0}).estimates.determined[RATIO]
     known = swingup.identify(logs, known={"m2r2": float(EXPECTED["m2 r2"])})
     assert known.estimates.values["I2"] == pytest.approx(EXPECTED["I2"], rel=0.02)
 

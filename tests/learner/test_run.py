@@ -200,7 +200,7 @@ def test_seeds_side_by_side(tmp_path, monkeypatch):
     monkeypatch.setattr(Run, "_save_policy", save)
     list(resume_run(tmp_path / "part").advance())
     list(resume_run(tmp_path / "part", 4 * FRAMES).advance())
-    names = [f"{name}.safetensors" for name in ("best-3", "best-4", "best", "last-3", "last-4")]
+    names = [f"{name}.safetensors" for name in ("best-3", "best-4", "best", "first", "last-3", "last-4")]
     for folder in (tmp_path / "r", tmp_path / "part"):
         assert sorted(path.name for path in folder.glob("*.safetensors")) == names
     for name in names:

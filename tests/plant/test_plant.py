@@ -212,7 +212,9 @@ def test_base_parameters_are_enough():
         "tl2": 10.0,
     }
     for values in (SPONG, ours):
-        assert base_parameters(measured_plant(values=values).plant) == pytest.approx(right)
+        plant = measured_plant(values=values | {"zero2": 0.1}).plant
+        assert base_parameters(plant) == pytest.approx(right)
+        assert plant.zeros == (0.0, 0.1)
     changed = measured_plant("C.1", {"m2r2": 0.17}).plant
     assert (changed.m2 * changed.r2, changed.I2, changed.tl1) == pytest.approx((0.17, C1.I2, C1.tl1))
 

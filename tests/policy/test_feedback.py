@@ -20,6 +20,7 @@ from swingup.plant.plant import LEADERBOARD, lump
 from swingup.policy.feedback import feedback_controller, read_feedback, write_feedback
 from swingup.policy.guard import GuardSettings
 from swingup.rehearsal.process import find_folder
+from swingup.runtime import load_controller
 
 from . import compiled
 
@@ -34,6 +35,14 @@ CASES = {
     "tvlqr-estimated": ("tvlqr", "acrobot", lambda similar: similar(LEADERBOARD).changed(cf1=1e-4, **ZEROS), True),
 }
 """A baseline, a robot and a plant, some with friction of either joint; perhaps whether behind an estimator."""
+
+
+def test_a_loop_gives_the_passive_joint_what_its_controller_declares():
+    """``adaptive`` carries friction there, also of a plant whose encoders have zeros."""
+    plant = load_plant("C.1").changed(zero1=0.1)
+    for given in (None, plant):
+        limits = loop_controller(get_controller("adaptive", "acrobot", plant=given), "acrobot").torque_limits
+        assert limits == load_controller("adaptive", "acrobot").torque_limits == (0.5, 6.0)
 
 
 @functools.cache

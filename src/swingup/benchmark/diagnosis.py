@@ -5,6 +5,7 @@ simulated with the likeliest cause, and without it: with all else that the log s
 failed and the log shows it clearly; simulations say whether the policy bears it.
 """
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
@@ -14,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ..common.errors import SwingupError
 from ..identification.causes import INDEX, NOTHING, Expected, Explanation, expected_of, explain, roughness
 from ..identification.prediction import integration_of
 from ..identification.recording import Recording, read_recording
@@ -224,8 +226,9 @@ def _causes(run: LoggedRun, explanations: Sequence[Explanation], tip: TipHistory
             freed = [INDEX[name] for name in each.suspect.free]
             without, period = each.z.copy(), run.recording.period
             without[freed] = run.expected.centre[freed]
-            runs = run.simulate(each.suspect, each.z, period), run.simulate(NOTHING, without, period)
-            cause = _compared(cause, tip, *runs)
+            with contextlib.suppress(SwingupError):  # A cause may be of what no pendulum has
+                runs = run.simulate(each.suspect, each.z, period), run.simulate(NOTHING, without, period)
+                cause = _compared(cause, tip, *runs)
         found.append(cause)
     return [*_other_rate(run, tip, simulate), *_play(run.recording), *found]
 

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..common.checks import positive_number
 from ..common.errors import SwingupError, attribute, described, errors_named_after, quoted
 from ..common.types import Count, Flag, Scalar, State, Torque
 from ..plant.plant import TORQUE_LIMIT, Plant, Robot, get_robot
@@ -126,6 +127,11 @@ class ZeroedController(AbstractController[Carry]):
     def inner_controller(self) -> AbstractController[Any]:
         """The controller behind."""
         return self.controller
+
+    @property
+    def passive_limit(self) -> float:
+        """Largest torque on the passive joint (N m)."""
+        return float(getattr(self.controller, "passive_limit", 0.0))
 
     def init(self) -> Carry:
         """What the controller behind remembers."""
@@ -341,5 +347,7 @@ def loop_controller(
     if not isinstance(controller, AbstractController):
         raise SwingupError("this controller is in plain Python: call it as it is, only those in JAX are compiled")
     check_robot(controller, robot)
-    limits = limit * robot.actuation[0], limit * robot.actuation[1]
+    limit = positive_number("limit", limit, unit="N m")
+    passive = float(getattr(controller, "passive_limit", 0.0))
+    limits = (limit, passive) if robot.joint == 0 else (passive, limit)
     return LoopController(CompiledSource(controller), robot, limits, choose_guard(guard, None, None))

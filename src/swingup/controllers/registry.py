@@ -5,6 +5,7 @@ import importlib
 import inspect
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from ..common.checks import suggestion
@@ -48,11 +49,13 @@ def get_controller(
             plain Python and an estimator was requested, or it is a policy that is not for the plant given.
     """
     robot = get_robot(robot)
+    if not isinstance(name, str | Path):
+        raise SwingupError(f"{quoted(name)} is no name of a controller: pass a controller itself to judge()")
     given = None if plant is None else resolve(plant).facts
     if is_policy(name):
         return make_controller(load_policy(name, robot, given), estimator)
     design = design if given is None else given
-    found = baseline(name, robot, design) if name in BASELINES else _imported(name)
+    found = baseline(name, robot, design) if name in BASELINES else _imported(str(name))
     # An imported controller may bring its own estimator; a second one would estimate an estimate.
     if isinstance(found, EstimatingController):
         return found.controller if estimator is False else found

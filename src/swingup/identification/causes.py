@@ -15,7 +15,6 @@ has whatever friction is needed, up to its most. The delay is the sum of all dea
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -127,12 +126,10 @@ class Explanation:
         return f"{self.z[place]:.3g} ± {self.sigma[place]:.1g} {UNITS[name]}".rstrip()
 
 
-def explain(
-    recording: Recording, setting: Integration, expected: Expected, suspects: Sequence[Suspect] = SUSPECTS
-) -> list[Explanation]:
+def explain(recording: Recording, setting: Integration, expected: Expected) -> list[Explanation]:
     """The best explanation of each cause that comes near, likeliest first; nothing may be among them."""
     balance = Balance(recording, setting, expected)
-    found = [balance.fit(suspect) for suspect in suspects]
+    found = [balance.fit(suspect) for suspect in SUSPECTS]
     # Errors of the best explanation are noise: they are the measure of the others'.
     best = max(found, key=lambda each: each.evidence)
     balance.sigma = np.maximum(1.48 * np.median(np.abs(best.errors), axis=0), MIN_SIGMA)

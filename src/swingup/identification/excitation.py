@@ -290,8 +290,10 @@ def limits_for(
     driven, plant = JOINTS[one_of("joint", joint, JOINTS)], domain.nominal_plant
     # The weakest motors of the domain: the file commands a real one.
     motors = [float(domain.low.plant.tl1), float(domain.low.plant.tl2)]
+    if not any(motor * acts for motor, acts in zip(motors, driven, strict=True)):
+        raise SwingupError(f"{domain.name} has no motor at joint = {joint!r}: name another, or give tl1 or tl2")
     used = [
-        finite_number("torque", torque, 1e-6, motor, "N m") if torque is not None and acts else motor
+        finite_number("torque", torque, 1e-6, motor, "N m") if torque is not None and acts and motor else motor
         for motor, acts in zip(motors, driven, strict=True)
     ]
     default = scales_of(plant).scaled(SPEED, VELOCITY)

@@ -77,13 +77,13 @@ class Identification:
 
 
 def identify(
-    files: Sequence[str | Path],
-    test: Sequence[str | Path] = (),
+    files: Sequence[str | Path] | str | Path,
+    test: Sequence[str | Path] | str | Path = (),
     start: PlantLike = "C.1",
     known: Mapping[str, float] | None = None,
     sessions: Sequence[str] | None = None,
     seed: int = 0,
-    columns: Sequence[str] = (),
+    columns: Sequence[str] | str = (),
     force: bool = False,
 ) -> Identification:
     """Identify a double pendulum and its loop from logs.
@@ -104,6 +104,8 @@ def identify(
         SwingupError: a log cannot be read or used, or an argument makes no sense.
     """
     check_seeds(seed, 1)
+    files, test = ([each] if isinstance(each, str | Path) else each for each in (files, test))
+    columns = [columns] if isinstance(columns, str) else columns
     if not files:
         raise SwingupError("no logs: give at least one file")
     plant = resolve(start).facts

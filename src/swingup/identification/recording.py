@@ -108,9 +108,15 @@ def read_recording(path: str | Path, columns: Sequence[str] = (), force: bool = 
     Raises:
         SwingupError: the file cannot be read, lacks a column, or holds what no pendulum's log can.
     """
-    mapped = {word.partition("=")[0] for word in columns if "=" in word} & {"u1", "u2"}
-    # Who maps one torque has one motor.
-    columns = [*columns, *(f"{each}=0" for each in ("u1", "u2") if mapped and each not in mapped)]
+    mapped = {each: text for each, _, text in (word.partition("=") for word in columns) if each in ("u1", "u2")}
+    if len(mapped) == 1:
+        # Who maps one torque has one motor, unless the log has the other joint's beside it.
+        ((one, text),) = mapped.items()
+        plain = read_table(path, _GROUPS, columns=[each for each in columns if f"{one}=" not in each], gaps=True)
+        beside = {pair[one == "u1"]: pair[one == "u2"] for pair in _COMMANDS if pair}
+        other = next((title for title in beside if beside[title] in text), "")
+        known = other in plain.values or other in plain.unread
+        columns = [*columns, f"{'u2' if one == 'u1' else 'u1'}={other if known else '0'}"]
     table, name = read_table(path, _GROUPS, columns=columns, gaps=True), Path(path).name
     pairs = dict.fromkeys(
         names for group in _GROUPS[1:] for names in group if names and set(names) <= set(table.values)

@@ -173,7 +173,7 @@ def make_notes(
 
 def _scale(problem: Problem) -> str:
     if problem.knows_mass:
-        masses = ", ".join(TITLES.get(name, name) for name in MASSES if name in problem.known)
+        masses = ", ".join(TITLES.get(name, name) for name in MASSES if problem.known.get(name))
         return f"the known {masses} fixes the scale"
     if not problem.has_scale:
         return (

@@ -138,7 +138,7 @@ class Problem:
     @property
     def knows_mass(self) -> bool:
         """Whether the user knows a mass: then it fixes the scale, and the torque gain is free."""
-        return any(name in self.known for name in MASSES)
+        return any(self.known.get(name) for name in MASSES)  # a rotor's inertia of 0 fixes no scale
 
     def unknowns(self, plant: bool) -> Unknowns:
         """All unknowns, or those of the loop alone; what is neither free nor known has the start's value."""
@@ -186,9 +186,8 @@ def known_entries(known: Mapping[str, float] | None) -> dict[str, float]:
         # Delay and lag within the bounds of the fit; of other values a sign or a size is wrong.
         minimum = 1e-9 if entry in (*MASSES[:4], "gain1") else MINIMUM_DELAY if entry == "delay" else 0.0
         maximum = {"delay": MAXIMUM_DELAY, "lag": MAXIMUM_LAG}.get(entry, 1e3)
-        entries[entry] = max(
-            finite_number(name, value, minimum, maximum), MINIMUM_LAG if entry == "lag" else minimum
-        )
+        found = finite_number(name, value, minimum, maximum)
+        entries[entry] = max(found, MINIMUM_LAG) if entry == "lag" else found
     return entries
 
 

@@ -312,7 +312,7 @@ class Cell(AbstractSupervisor[CellMemory]):
         # Behind the last one the index stays there: that nothing begins any more is seen below.
         index = jnp.minimum(memory.done, number - 1)
         target, kick = jnp.asarray(disturbances.target)[index], jnp.asarray(disturbances.kick)[index]
-        anywhere, moves = jnp.asarray(disturbances.anywhere)[index], jnp.asarray(disturbances.kick)[index] == 0
+        anywhere, moves = jnp.asarray(disturbances.anywhere)[index], kick == 0
         at_goal = self._near(x, jnp.asarray(UPRIGHT[:2], x.dtype))
         passed = memory.clock + (t - memory.t)
         # Away from the goal, the time there starts again.

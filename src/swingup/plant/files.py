@@ -126,7 +126,8 @@ TIP_SHARE = 0.5  # What ends nearer to the elbow than this part of its centre's 
 SMALLEST_BODY = 1e-14
 """MuJoCo takes masses (kg) and inertias (kg m²) below a tenth of it for 0, and refuses them."""
 
-CHOSEN_NUMBERS = ("m1", "m2", "r1", "r2", "I1", *ZEROS)
+LINK_NUMBERS = ("m1", "m2", "r1", "r2", "I1")
+CHOSEN_NUMBERS = (*LINK_NUMBERS, *ZEROS)
 """Numbers that another plant, which moves alike, may have otherwise."""
 
 OUR_ELEMENT = "swingup"

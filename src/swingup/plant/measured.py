@@ -15,9 +15,9 @@ import numpy as np
 from ..common.checks import finite_number, one_of
 from ..common.errors import SwingupError
 from .equations import mass_entries
-from .files import CHOSEN_NUMBERS, is_model_file, load_plant, representative
+from .files import LINK_NUMBERS, is_model_file, load_plant, representative
 from .model_file import read_model
-from .plant import NAMES, Plant, PlantLike, lump, make_plant
+from .plant import NAMES, ZEROS, Plant, PlantLike, lump, make_plant
 
 MORE_NAMES = ("Ic1", "Ic2", "motor")
 """What is given beside a plant's numbers: inertias about the centres of mass (kg m²), and the torque of both motors
@@ -74,6 +74,9 @@ def measured_plant(
         facts |= dict.fromkeys(MOTORS, measured["motor"] * facts["gr"])
     elif source is None and facts.keys() & set(MOTORS):
         facts = dict.fromkeys(MOTORS, 0.0) | facts
+    for each in ("l1", "l2"):
+        if not facts.get(each, 1.0) > 0:
+            raise SwingupError(f"{each} = {facts[each]:g} must be positive")
     if lumped:
         notes += _build_links(facts, measured, lumped)
     needed = [f"{each}{link}" for each in ("m", "l") for link in (1, 2)]
@@ -109,7 +112,7 @@ def _known(
 
 def _build_links(facts: dict[str, float], measured: Mapping[str, float], lumped: Mapping[str, float]) -> list[str]:
     """Add masses, centres and inertias that have these base parameters; returns what was assumed."""
-    if own := [name for name in measured if name in (*CHOSEN_NUMBERS, "Ic1", "Ic2")]:
+    if own := [name for name in measured if name in (*LINK_NUMBERS, "Ic1", "Ic2")]:
         raise SwingupError(f"{own[0]} and base parameters say the same: give I2 and base parameters, or links")
     if "l1" not in facts:
         raise SwingupError("base parameters need l1: add l1=VALUE, in SI units")
@@ -132,10 +135,13 @@ def _build_links(facts: dict[str, float], measured: Mapping[str, float], lumped:
     facts.setdefault("l2", l1)
     base = known | {"A": known["shoulder"] + known["B"]} | {name: facts[name] for name in DEFAULT_VALUES}
     # Masses near those of the source; without one, the lightest that can be built.
-    start = dict.fromkeys((*CHOSEN_NUMBERS, "I2"), 1e-6) | dict.fromkeys(MOTORS, 0.0) | facts
+    start = dict.fromkeys((*LINK_NUMBERS, "I2"), 1e-6) | dict.fromkeys(MOTORS, 0.0) | ZEROS | facts
     numbers: dict[str, Any] = {name: start[name] for name in NAMES}
-    plant = representative(base, Plant(**numbers))
-    facts |= {name: float(getattr(plant, name)) for name in (*CHOSEN_NUMBERS, "I2")}
+    try:
+        plant = representative(base, Plant(**numbers))
+    except ZeroDivisionError:
+        raise SwingupError("no pendulum has these base parameters: raise I1+m2l1^2 or I2") from None
+    facts |= {name: float(getattr(plant, name)) for name in (*LINK_NUMBERS, "I2")}
     return [*notes, "m1, m2, r1, r2 and I1 are one choice of many that move alike"]
 
 

@@ -132,7 +132,8 @@ def similar_plant(plant: Plant, scales: Scales) -> Plant:
     """The pendulum that moves as a plant does in C.1's units; its encoders show 0 where it hangs."""
     scales.of(COMPLIANCE)  # Refuses a plant without a motor, by which the rest divides
     numbers = {name: scales.similar(getattr(plant, name), unit) for name, unit in PLANT_UNITS.items()}
-    return plant.changed(**ZEROS, **numbers)
+    zeros = {name: 0.0 * abs(getattr(plant, name)) for name in ZEROS}  # One for each plant of a batch
+    return plant.changed(**zeros, **numbers)
 
 
 def scaled(record: RecordT, scales: Scales) -> RecordT:

@@ -99,9 +99,7 @@ def find_policies(
         told[:, 4] = np.minimum(told[:, 4], 0.0)
     # Again, from more starts.
     final = trial([(each.told, each.policy) for each in found if each.held], random)
-    return [
-        each.policy for each in sorted(final, key=lambda each: (each.held, each.height), reverse=True) if each.held
-    ]
+    return [each.policy for each in best_first(final) if each.held]
 
 
 def tell(shipped: PendulumPolicy, plant: Plant, told: Float[np.ndarray, "5"]) -> PendulumPolicy:

@@ -149,7 +149,10 @@ class FolderProcess(AbstractContextManager["FolderProcess"]):
         try:
             answer: dict[str, Any] = json.loads(self._connection.recv_bytes())
         except (EOFError, ConnectionError):
-            code, names = self._process.wait(), {each.value: each.name for each in signal.Signals}
+            try:
+                code, names = self._process.wait(1.0), {each.value: each.name for each in signal.Signals}
+            except subprocess.TimeoutExpired:
+                raise SwingupError(f"{self._doing} closed its connection and goes on: correct it there") from None
             how = f"with status {code}" if code >= 0 else f"by {names.get(-code, f'signal {-code}')}"
             raise SwingupError(f"{self._doing} ended its process, {how}: correct it there") from None
         if "fault" in answer:

@@ -15,7 +15,7 @@ from ..benchmark.recording import recorded
 from ..benchmark.rollout import Trajectory
 from ..benchmark.runner import Progress, run_one
 from ..benchmark.swing_up_board import SwingUpBoard
-from ..common.checks import check_seeds, positive_number
+from ..common.checks import check_seeds, finite_number, positive_number
 from ..common.errors import SwingupError
 from ..controllers.check import spread
 from ..controllers.interface import PythonController
@@ -109,7 +109,8 @@ def rehearse(
             fails, hangs, prints, or gives no two finite torques.
     """
     if duration is not None:
-        board = dataclasses.replace(board, duration=positive_number("duration", duration, MAX_DURATION, "s"))
+        board = dataclasses.replace(board, duration=finite_number("duration", duration, 0.1, MAX_DURATION, "s"))
+    calling = positive_number("calling", calling, MAX_DURATION, "s")
     single = real_time or domain == NO_LOOP
     every = check_seeds(seed, (1 if single else SEEDS) if seeds is None else seeds)
     found = find_folder(folder)

@@ -91,9 +91,9 @@ TASKS: dict[str, Callable[[Robot, Plant], AbstractPendulumTask]] = {
 """Tasks by name, on one plant: the leaderboards' by default."""
 
 
-def get_task(name: str, robot: Robot, plant: Plant = LEADERBOARD) -> AbstractPendulumTask:
+def get_task(name: str, robot: Robot | str, plant: Plant = LEADERBOARD) -> AbstractPendulumTask:
     """Build a variant of the task for a robot, in the units of its plant."""
-    return TASKS[one_of("task", name, TASKS)](robot, plant)
+    return TASKS[one_of("task", name, TASKS)](get_robot(robot), plant)
 
 
 def find_task(task: str | AnyTaskT, robot: str, plant: PlantLike | None = None) -> AbstractPendulumTask | AnyTaskT:

@@ -23,7 +23,7 @@ from ...common.errors import SwingupError
 from ...common.types import Scalar
 from ...dynamics.dynamics import UPRIGHT
 from ...plant.equations import StateFloats
-from ...plant.plant import LEADERBOARD, NAMES, ZEROS, Plant, Robot, get_robot, validated
+from ...plant.plant import LEADERBOARD, NAMES, Plant, Robot, get_robot, validated
 from ...plant.units import DAMPING, STATE, TIME, TORQUE
 from ..swingups.design import followed, motion, solve_from_rest
 from ..swingups.ilqr import ILQRSettings, feedback_gains
@@ -234,8 +234,6 @@ def _checked(targets: Plant) -> Plant:
     """The plants in NumPy, each of them a pendulum."""
     arrays: dict[str, Any] = {name: np.asarray(getattr(targets, name), np.float64) for name in NAMES}
     shape = arrays[NAMES[0]].shape
-    # Plants that were drawn have one zero of the encoders for all, which no swing-up knows.
-    arrays |= {name: np.broadcast_to(arrays[name], shape) for name in ZEROS if not arrays[name].ndim}
     for name, array in arrays.items():
         if array.ndim != 1 or not len(array) or array.shape != shape:
             raise SwingupError(
