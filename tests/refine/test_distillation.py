@@ -20,7 +20,7 @@ from swingup.loop.starts import PASSING, STILL, Starts, still_states
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, NAMES, get_robot, validated
-from swingup.plant.units import arm_scales, similar_plant
+from swingup.plant.units import C1, arm_scales, similar_plant
 from swingup.policy.regulator import RegulatorSettings, fixed_point
 from swingup.policy.shipped import load_policy
 from swingup.refine import teachers as teaching
@@ -267,6 +267,7 @@ def test_a_new_student_sees_the_plant_in_units_of_its_ranges():
 
 def test_a_constant_torque_holds_the_plants_where_runs_begin_at_rest(robot):
     plants = draw_plants(np.random.default_rng(0), robot, PlantDraws(3, 3, 3, 3), LEADERBOARD, RECORDED)
+    assert plants_of(similar_plant(plants, C1)) == plants_of(plants)  # a zero of the encoders each
     base = np.stack([base_parameters(plant) for plant in plants_of(plants)])
     states = still_states(np.random.default_rng(0), base, robot, 50)
     assert 0.6 < np.abs(states[..., 0]).max() < STILL
