@@ -117,7 +117,7 @@ def shortened(line):
     for pattern, text in SHORTER.items():
         line = re.sub(pattern, text, line)
     for option, (value, names) in ADDED.items():
-        if line.startswith(names) and option not in line and "--episodes" not in line:
+        if line.startswith(names) and not {option, "--episodes", "--check"} & {*line.split()}:
             line += f" {option} {value}"
     return line
 

@@ -82,7 +82,7 @@ def make_controller_command(
     The shipped policy swings many pendulums up if it is told another plant than the true one: the command searches
     for one in simulation. If none succeeds on 95 % of the drawn pendulums, the command tries TVLQR along a swing-up
     of the plant behind a state estimator, and then trains a policy. The best controller is judged on other draws.
-    Beside OUT the command writes OUT.safetensors, the policy if it is no TVLQR, and for logs OUT-plant.yml with the
+    Beside OUT the command writes OUT.safetensors, the policy (TVLQR has none), and for logs OUT-plant.yml with the
     plant and OUT-plant-domain.yml with its ranges. It continues a training that was interrupted, in OUT-run.
 
     Args:
