@@ -113,7 +113,7 @@ def main(robot: str) -> None:
     # A slow drift: at every jump the estimator would reset, and have less to do.
     states = np.cumsum(np.random.default_rng(0).normal(size=(CALLS, 4)) * [2e-3, 2e-3, 0.05, 0.05], axis=0)
     alone, whole = TorqueNetwork(policy), load_controller(AR_EAPO, robot, estimator=True)
-    # The drift runs far and is no pendulum: limits are above it and no wiring is watched, and the guard has all else to do.
+    # The drift is no pendulum and runs far: no wiring is watched, and limits are above it; the guard does all else.
     guard = GuardSettings(angle_limit=1e6, velocity_limit=1e6, watched=0.0)
     plant = policy_plant(load_plant("C.1"), policy.robot)
     everything = dataclasses.replace(policy, guard=guard, plant=plant)
