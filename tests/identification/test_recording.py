@@ -43,6 +43,17 @@ def test_a_log_is_read_as_it_is(tmp_path):
     np.testing.assert_allclose(read_recording(path).u, TORQUES + 0.25, atol=1e-12)
 
 
+@pytest.mark.parametrize("name", ["tau_con", "tau", "tau_meas", "duty"])
+def test_one_mapped_torque_keeps_the_logs_other(name, tmp_path):
+    """A log of duties has those of one joint alone: the other has no motor."""
+    commands = np.column_stack([np.sin(TIME), np.cos(TIME)])
+    header, table = HEADER.replace("tau_con", name), np.column_stack([TABLE[:, :5], commands * [1, 1000]])
+    if name == "duty":
+        header, table = header.replace(",duty1", ""), np.delete(table, 5, axis=1)
+    found = read_recording(write(tmp_path / "log.csv", table, header), [f"u2={name}2:mNm"]).u
+    np.testing.assert_allclose(found, commands * [name != "duty", 1], atol=1e-9)
+
+
 def test_quanta_differ_by_joint(tmp_path):
     steps = np.array([QUANTUM, 4.8e-5])
     table = changed([1, 2], lambda angles: np.round(angles / steps) * steps)

@@ -108,15 +108,7 @@ def read_recording(path: str | Path, columns: Sequence[str] = (), force: bool = 
     Raises:
         SwingupError: the file cannot be read, lacks a column, or holds what no pendulum's log can.
     """
-    mapped = {each: text for each, _, text in (word.partition("=") for word in columns) if each in ("u1", "u2")}
-    if len(mapped) == 1:
-        # Who maps one torque has one motor, unless the log has the other joint's beside it.
-        ((one, text),) = mapped.items()
-        plain = read_table(path, _GROUPS, columns=[each for each in columns if f"{one}=" not in each], gaps=True)
-        beside = {pair[one == "u1"]: pair[one == "u2"] for pair in _COMMANDS if pair}
-        other = next((title for title in beside if beside[title] in text), "")
-        known = other in plain.values or other in plain.unread
-        columns = [*columns, f"{'u2' if one == 'u1' else 'u1'}={other if known else '0'}"]
+    columns = _with_both_torques(path, columns)
     table, name = read_table(path, _GROUPS, columns=columns, gaps=True), Path(path).name
     pairs = dict.fromkeys(
         names for group in _GROUPS[1:] for names in group if names and set(names) <= set(table.values)
@@ -160,6 +152,19 @@ def read_recording(path: str | Path, columns: Sequence[str] = (), force: bool = 
         turn=turn,
         goals=goals,
     )
+
+
+def _with_both_torques(path: str | Path, columns: Sequence[str]) -> Sequence[str]:
+    """The words; where they map one torque alone, the other is the log's column beside it, or 0 without one."""
+    torques = [word for word in columns if word.startswith(("u1=", "u2="))]
+    if len(torques) != 1:
+        return columns
+    (word,) = torques
+    joint, rest = int(word[1]), [each for each in columns if each != word]
+    table = read_table(path, _GROUPS, columns=rest, gaps=True)
+    beside = next((pair[2 - joint] for pair in _COMMANDS if pair and pair[joint - 1] in word), "0")
+    there = beside in table.values or beside in table.unread
+    return [*columns, f"u{3 - joint}={beside if there else '0'}"]
 
 
 def _with_goals(path: str | Path, table: Table, columns: Sequence[str]) -> Recording | None:

@@ -120,14 +120,13 @@ def adapt(
     check_writable(out)
     check_seeds(seed, RECOVERIES)
     seeds = len(check_seeds(JUDGED_SEED, draws))
-    given = frames is not None
+    if policy is not None and frames is not None:
+        raise SwingupError("frames are for the policy that is trained first: leave them out with a policy")
     frames = get_preset(PRESET).frames if frames is None else whole_number("frames", frames, 1)
     if policy is not None and policy.network.plant_stage is not None:
         raise SwingupError(f"the policy sees its plant already: leave it out, or use the recipe {RECOVER}")
     if policy is not None and policy.robot != robot:
         raise SwingupError(f"the policy is for the {policy.robot.name}, not the {robot.name}")
-    if policy is not None and given:
-        raise SwingupError("frames are for the policy that is trained first: leave them out with a policy")
     around = resolve(plant, RECORDED if domain is None else domain, GUESS)
     if plant is not None:
         around = save_domain(out.with_name(f"{out.stem}-adapt.yml"), around, command)
