@@ -10,6 +10,7 @@ import pytest
 from scipy.io import savemat
 from synthetic import HEADER, TRUTH, simulate, write
 
+from bags import write_bag
 from refusals import refusal
 from swingup.common import array_files
 from swingup.common.columns import parse_columns
@@ -243,6 +244,17 @@ def test_files_of_other_programs(tmp_path, table, name):
     assert_same(read_recording(path, columns=found), read_recording(right), steps=1e-9)
 
 
+def test_the_rate_of_one_joint_alone_is_left_out(tmp_path, table):
+    """The suggested words run as printed, and angles' differences are read; a torque of 0 would be one."""
+    names = ["time", "theta1", "theta2", "omega2", "motor_torque1", "motor_torque2"]
+    path = as_text(names=names)(tmp_path / "log", table[:, [0, 1, 2, 4, 5, 6]])
+    words = shlex.split(refusal(read_recording, path).split("--columns ")[1].split(", if these")[0])
+    assert words == ["q1=theta1", "q2=theta2", "u1=motor_torque1", "u2=motor_torque2"]
+    assert read_recording(path, words).pairs == (("pos_meas1", "pos_meas2"), ("tau_con1", "tau_con2"))
+    message = refusal(read_recording, path, [*words, "dq2=omega2"])
+    assert message.endswith("maps dq2, which is not read: map dq1 as well, or leave it out if that joint has none")
+
+
 def test_unpacked_arrays_have_one_bound_together(tmp_path, monkeypatch):
     """A compressed file may unpack to a thousand times its size, in one variable or in many."""
     monkeypatch.setattr(array_files, "LARGEST_ARRAYS", 200_000)
@@ -336,28 +348,11 @@ def test_matlabs_objects_long_arrays_and_matrices_of_several_runs(tmp_path, tabl
     assert "its ts is MATLAB's timeseries, not read: t = ts.Time; x = squeeze(ts.Data); save(" in said
 
 
-def test_a_ros_bag_is_read_by_the_names_of_its_joints(tmp_path, table):
+@pytest.mark.parametrize("begin", [1764 * 10**15, 0], ids=["a clock", "a simulated clock"])
+def test_a_ros_bag_is_read_by_the_names_of_its_joints(tmp_path, table, begin):
     pytest.importorskip("rosbags", reason="rosbags is not installed")
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store, table = get_typestore(Stores.ROS2_HUMBLE), table[:600]
-    names = ["sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time"]
-    (state, header, stamp), none = (store.types[name] for name in names), np.zeros(0)
-    numbers, layout = (store.types[f"std_msgs/msg/{name}"] for name in ("Float64MultiArray", "MultiArrayLayout"))
-    with Writer(tmp_path / "run", version=9, storage_plugin=StoragePlugin.MCAP) as bag:
-        states = bag.add_connection("/joint_states", names[0], typestore=store)
-        commands = bag.add_connection("/effort/commands", numbers.__msgtype__, typestore=store)
-        for row in table:
-            time = 1764 * 10**15 + round(1e9 * row[0])
-            head = header(stamp=stamp(sec=time // 10**9, nanosec=time % 10**9), frame_id="")
-            # Sorted by name, the elbow first.
-            message = state(
-                header=head, name=["elbow", "shoulder"], position=row[[2, 1]], velocity=none, effort=none
-            )
-            command = numbers(layout=layout(dim=[], data_offset=0), data=row[5:])
-            bag.write(commands, time - 1000, store.serialize_cdr(command, numbers.__msgtype__))
-            bag.write(states, time, store.serialize_cdr(message, names[0]))
+    table = table[:600]
+    write_bag(tmp_path / "run", table, begin)
     message = refusal(read_recording, tmp_path / "run")
     words = shlex.split(message.split("--columns ")[1].split(", if these")[0])
     assert words == (["q1=position.shoulder", "q2=position.elbow", "u1=effort_commands0", "u2=effort_commands1"])

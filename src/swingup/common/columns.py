@@ -186,6 +186,9 @@ def suggest_columns(
             if title in cosines:
                 atom = Call("atan2", tuple(Expression(((1, each),)) for each in (title, cosines[title])))
             likely.setdefault(name, MappedColumn(Expression(((1, atom),)), _unit_at_end(name, title)))
+    rates = {"vel_meas1", "vel_meas2"}
+    if not rates <= likely.keys():  # the rate of one joint alone is not read
+        likely = {name: column for name, column in likely.items() if name not in rates}
     return [likely[name].word(name) for name in names if name in likely]
 
 

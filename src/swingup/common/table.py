@@ -205,7 +205,11 @@ def _check_read(
         if name not in chosen:
             pair = next(names for group in groups for names in group if name in names)
             others = [SHORT.get(each, each) for each in pair if each not in mapped]
-            remedy = f"map {others[0]} as well, {others[0]}=0 if that joint has none" if others else "leave it out"
+            remedy = "leave it out"
+            if others:
+                # Without the rate of either joint, angles' differences are read.
+                lacking = remedy if name.startswith("vel") else f"{others[0]}=0"
+                remedy = f"map {others[0]} as well, or {lacking} if that joint has none"
             raise SwingupError(f"{path}: --columns maps {SHORT.get(name, name)}, which is not read: {remedy}")
 
 
@@ -374,7 +378,9 @@ def spread_evenly(time: Float[np.ndarray, "rows"]) -> Float[np.ndarray, "rows"] 
 def _read_cells(path: str | Path) -> _Cells:
     if is_bag(path):
         bag = read_bag(path)
-        return _with_titles(list(bag), list(bag.values()), range(1, len(bag["time"]) + 1))
+        # A simulated clock begins at 0: its nanoseconds do not show that they are some.
+        titles = [f"{title} [ns]" if title == "time" else title for title in bag]
+        return _with_titles(titles, list(bag.values()), range(1, len(bag["time"]) + 1))
     content = read_bytes(path, LARGEST_TABLE)
     if Path(path).suffix.lower() in ARRAY_FILES:
         arrays, unread = read_arrays(path, content)
