@@ -20,11 +20,14 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
+from bags import write_bag
 from policy.references import sighted_policy, small_policy
 from swingup import BOARDS, SwingupError, get_controller, load_plant, measured_plant, save_plant, score
 from swingup.areapo.checkpoint import load_checkpoint, read_metadata, save_checkpoint
 from swingup.benchmark.recording import load_trajectory
 from swingup.benchmark.robustness_board import CRITERIA
+from swingup.cli.pendulums import named_values
+from swingup.controllers.baselines.baselines import feedback_policy
 from swingup.controllers.stack.policy import policy_of
 from swingup.controllers.swingups.reference import Reference, load_reference, save_reference
 from swingup.export.c_header import c_header
@@ -36,12 +39,14 @@ from swingup.loop.resolve import resolve
 from swingup.plant.files import model_text
 from swingup.plant.plant import ROBOTS
 from swingup.policy.estimator import EstimatorSettings
+from swingup.policy.feedback import feedback_controller, read_feedback, write_feedback
 from swingup.policy.file import read_network
 from swingup.policy.guard import GuardSettings
 from swingup.policy.identifier import IdentifierSettings
 from swingup.policy.numpy_backend import numpy_controller
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
 from swingup.policy.regulator import RegulatorSettings
+from swingup.policy.self_test import loop_test, policy_controller, read_test
 from swingup.policy.spaces import Space
 from swingup.report.figures import curves_figure, read_robustness, robustness_figure
 
@@ -148,9 +153,12 @@ def spoilt_arrays(draw, good):
     return damaged(draw, data) if kind == "bytes" else data
 
 
+RANGES = resolve(domain="recorded").content
 PLANT = {name: float(value) for name, value in load_plant("C.1").values().items()}
 LOOP = dict.fromkeys(("torque_limit", "passive_limit", "delay", "velocity_noise", "torque_noise", "response"), 0.1)
-MAPS = ["".join(f"{name}: {value}\n" for name, value in each.items()) for each in (PLANT, LOOP, PLANT | LOOP)]
+MAPS = [
+    "".join(f"{name}: {value}\n" for name, value in each.items()) for each in (PLANT, LOOP, PLANT | LOOP, RANGES)
+]
 HEADER = "time,pos_meas1,pos_meas2,vel_meas1,vel_meas2,tau_con1,tau_con2\n"
 TRAJECTORIES = [
     HEADER + "".join(f"{k / 500:g},{np.sin(k / 9):g},0.1,{np.cos(k / 9):g},0,0.5,0\n" for k in range(count))
@@ -195,6 +203,29 @@ SHAPES = """<mujoco><compiler eulerseq="zyx"/><option><flag contact="disable"/><
 <inertial pos="0 0 0" mass=".1" fullinertia=".1 .1 .1 0 0 0"/></body></body></frame></body></body></worldbody>
 <actuator><motor joint="j1" gear="2" ctrlrange="-1 1"/>
 <general joint="j2" gainprm="3" ctrlrange="-2 1" forcerange="-1 1"/></actuator></mujoco>"""
+LAWS = [
+    written(write_feedback, feedback_policy(name, "pendubot", load_plant("leaderboard")))
+    for name in ("lqr", "tvlqr")
+]
+SELF_TEST = loop_test(policy_of(small_policy()))
+WORDS_OF_COLUMNS = (
+    "q1=pos1:counts/8192 q2=pos2-pos1:deg time=t:ms u1=8*goal1-8*pos1-0.3*vel1 u2=-u1:A*0.7 q1=atan2(s1,c1)"
+)
+WORDS_OF_PLANTS = [
+    "m1=0.5 l1=0.2 m2=0.6 l2=0.3 motor=1 gr=6 Ic1=0.01",
+    "m1r1+m2l1=0.2 m2r2=0.1 I1+m2l1^2=0.05 I2=0.02 l1=0.2 g=9.81 tl1=0 b1=0.1 zero1=0.02",
+    "theta1=0.1 theta2=0.03 theta3=0.02 theta4=1.2 theta5=0.5 l1=0.2 tl2=1",
+]
+TABLES = [
+    "%time,field.header.stamp,field.name0,field.name1,field.position0,field.position1,field.velocity0,field.effort0\n"
+    + "".join(f"{17 * 10**17 + 2 * 10**7 * k},0,elbow,shoulder,{np.sin(k / 9):g},0.1,0,0\n" for k in range(60)),
+    "# rig\nt [ms];q1 [deg];q2 [deg];goal1;goal2;i1 [A]\n"
+    + "".join(
+        f"{20 * k};{np.sin(k / 9):.4f};{np.cos(k / 7):.4f};0,5;0,25;{k % 7}\n".replace(".", ",") for k in range(60)
+    ),
+    "time pos1 pos2 s1 c1 x\n"
+    + "".join(f"{k / 50:g} {k} {-k} {np.sin(k):g} {np.cos(k):g} {'OK' * (k % 2)}\n" for k in range(60)),
+]
 MODELS = [*(model_text(suffix, "x", PLANT | {"Ir": 0.001, "gr": 6.0}) for suffix in (".urdf", ".xml")), SHAPES]
 
 
@@ -209,6 +240,44 @@ def run_policy(path):
     assert np.isfinite(torques).all(), f"torques {torques}"
     if found.network.activation == "relu":
         assert not {"inff", "nanf"} & set(re.findall("[a-z]+", c_header(found)))
+
+
+def run_law(path):
+    """A law that is accepted gives finite torques, and has a header in C."""
+    found = read_feedback(path)
+    controller = feedback_controller(found)
+    torques = [controller(np.array([0.1 * k, 0.2, 300.0, -0.1]), 0.002 * k) for k in range(3)]
+    assert np.isfinite(torques).all(), f"torques {torques}"
+    assert not {"inff", "nanf"} & set(re.findall("[a-z]+", c_header(found)))
+
+
+def compare(path):
+    """A self-test that is read compares answers."""
+    controller = policy_controller(policy_of(small_policy()))
+    test = read_test(Path(path).parent)
+    test.check(lambda x, call: controller(x, test.period * call))
+
+
+def map_columns(path):
+    """Words of an option."""
+    words = Path(path).read_text(encoding="utf-8", errors="replace").split()
+    Path(path + ".csv").write_text(TABLES[-1], encoding="utf-8")
+    read_recording(path + ".csv", columns=words)
+
+
+def set_plant(path):
+    """Words of an option."""
+    words = Path(path).read_text(encoding="utf-8", errors="replace").split()
+    for source in (None, "C.1"):
+        measured_plant(source, named_values("--set", words, "m1=0.5"))
+
+
+def use_domain(path):
+    """A domain that is accepted draws plants, or refuses them."""
+    domain = resolve(domain=path)
+    assert domain.depth < 100_000
+    assert domain.substeps < 10_000
+    assert domain.effects
 
 
 def import_model(path):
@@ -257,6 +326,12 @@ LOGS = [
     *(functools.partial(read_recording, columns=COLUMNS[k : k + 2]) for k in range(0, len(COLUMNS), 2)),
     read_recording, load_trajectory,
 ]  # fmt: skip
+MAPPED = [
+    "q1=field.position1 q2=field.position0 u2=field.effort0", "u1=0 u2=i1:A*0.5",
+    "q1=pos1:counts/8192 q2=atan2(s1,c1) u1=8*s1-8*pos1 u2=0",
+]  # fmt: skip
+"""Of each table."""
+TABLE_READERS = [functools.partial(read_recording, columns=words.split()) for words in MAPPED]
 ON_BOARDS = [functools.partial(score_log, board=board) for board in BOARDS]
 
 
@@ -274,8 +349,27 @@ def log_by(save):
     return functools.partial(spoilt_log, save=save)
 
 
+@functools.cache
+def bag():
+    """The bytes of a bag."""
+    pytest.importorskip("rosbags", reason="rosbags is not installed")
+    with tempfile.TemporaryDirectory() as folder:
+        write_bag(Path(folder) / "run", np.column_stack([TIME, LOG["q"], LOG["dq"], LOG["u"]]))
+        return (Path(folder) / "run" / "run.mcap").read_bytes()
+
+
+BAG_COLUMNS = "q1=position.shoulder q2=position.elbow u1=effort_commands0 u2=effort_commands1"
 KINDS = {
-    "map.yml": (of(*MAPS), [load_plant, resolve, use_plant]),
+    "map.yml": (of(*MAPS), [load_plant, use_domain, use_plant]),
+    "table.csv": (of(*TABLES), [*TABLE_READERS, read_recording]),
+    "run.mcap": (
+        lambda draw: damaged(draw, bag()),
+        [functools.partial(read_recording, columns=BAG_COLUMNS.split())],
+    ),
+    "columns.txt": (of(WORDS_OF_COLUMNS), [map_columns]),
+    "plant.txt": (of(*WORDS_OF_PLANTS), [set_plant]),
+    "self_test.json": (of(SELF_TEST.to_json()), [compare]),
+    "law.safetensors": (of_arrays(*LAWS), [run_law]),
     "run.csv": (of(*TRAJECTORIES), [*ON_BOARDS, *LOGS]),
     "run.npz": (log_by(lambda stream, arrays: np.savez(stream, **arrays)), LOGS),
     "run.mat": (log_by(lambda stream, arrays: savemat(stream, {"log": arrays, "n": 1})), LOGS),

@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from .errors import SwingupError, quoted
+from .errors import MALFORMED, SwingupError, quoted
 from .files import write_atomically
 
 SUFFIX = ".safetensors"  # the end of a file's name
@@ -32,10 +32,6 @@ TYPES = {
     "I64": "<i8", "F16": "<f2", "F32": "<f4", "F64": "<f8",
 }  # fmt: skip
 """Types of arrays by their names in the header: those of safetensors that NumPy has."""
-
-
-_MALFORMED = (KeyError, TypeError, ValueError, OverflowError, RecursionError)
-"""What a header of other content than the format's raises, wherever it is first used."""
 
 
 def save_arrays(
@@ -111,7 +107,7 @@ def load_arrays(
         raise SwingupError(f"no such file: {path}") from error
     except OSError as error:
         raise SwingupError(f"cannot read {path}: {error.strerror}") from error
-    except _MALFORMED as error:
+    except MALFORMED as error:
         raise SwingupError(f"{path} is not a {kind} file, or it is truncated: copy or make it anew") from error
 
 
@@ -120,7 +116,7 @@ def read_format(path: str | Path) -> str | None:
     try:
         with Path(path).open("rb") as stream:
             return str(json.loads(_read_header(stream)["__metadata__"][METADATA])["format"])
-    except (OSError, *_MALFORMED):
+    except (OSError, *MALFORMED):
         return None
 
 
@@ -147,7 +143,7 @@ def _read_metadata(path: str | Path, kind: str, version: int, texts: Any) -> dic
     try:
         metadata = json.loads(texts[METADATA])
         found, found_version = metadata["format"], metadata["format_version"]
-    except _MALFORMED as error:
+    except MALFORMED as error:
         raise SwingupError(f"{path} is not a {kind} file: it lacks swingup's metadata") from error
     if found != kind:
         raise SwingupError(f"{path} is a {quoted(found)} file: a {kind} file is needed here")

@@ -18,6 +18,8 @@ from urllib.parse import unquote, urlsplit
 
 LONGEST_MESSAGE = 2000  # characters of a message
 LONGEST_QUOTE = 60  # characters that a message quotes of a value
+MALFORMED = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
+"""Errors that a file's content of a wrong type, depth or encoding raises, wherever it is first used."""
 
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel = 3

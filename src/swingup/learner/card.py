@@ -5,13 +5,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..common.errors import SwingupError, duration
+from ..common.errors import MALFORMED, SwingupError, duration
 from ..common.files import write_atomically
 from ..policy.file import read_metadata
 from ..policy.policy import TASK
 from .metrics import MISSING, REWARD_RATE, describe_rates, shown_rate
 from .run_folder import BEST
-from .run_settings import MALFORMED
 
 CARD = "README.md"
 

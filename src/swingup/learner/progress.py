@@ -9,9 +9,9 @@ import numpy as np
 
 from ..areapo.state import LearnerState
 from ..common.checks import finite_number, is_number, whole_number
-from ..common.errors import SwingupError, one_line
+from ..common.errors import MALFORMED, SwingupError, one_line
 from .metrics import Row, shown_rate
-from .run_settings import MALFORMED, RunSettings, run_settings_from_dict
+from .run_settings import RunSettings, run_settings_from_dict
 
 Rank = tuple[bool, float]
 """Whether a policy has a score, and the score, or else its reward rate: the greater, the better."""

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from ..areapo.checkpoint import load_checkpoint, save_checkpoint
-from ..common.errors import SwingupError, one_line
+from ..common.errors import MALFORMED, SwingupError, one_line
 from ..common.files import behind_links, make_folder
 from ..policy.file import read_network
 from .metrics import REWARD_RATE
 from .progress import UNRANKED, Rank, rank
-from .run_settings import MALFORMED, RunSettings
+from .run_settings import RunSettings
 
 FIRST, BEST, LAST = "first.safetensors", "best.safetensors", "last.safetensors"
 

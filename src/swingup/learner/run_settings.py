@@ -12,7 +12,7 @@ from ..areapo.config import HYPERPARAMETERS, LARGEST_COUNT, Config, check_effect
 from ..common import __version__
 from ..common.arrays import write_json
 from ..common.checks import one_of, whole_number
-from ..common.errors import SwingupError, command_line, one_line
+from ..common.errors import MALFORMED, SwingupError, command_line, one_line
 from ..common.files import file_name
 from ..plant.plant import PlantLike, get_robot
 from ..policy.pendulum import PLANT, read_plant
@@ -22,9 +22,6 @@ from .presets import PRESETS, get_preset
 from .problem import AbstractProblem, make_problem, problem_from_record
 
 SETTINGS_FILE = "config.json"
-
-MALFORMED = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
-"""Errors that content of a wrong type, depth or encoding raises."""
 
 MINIMUM = {"seed": 0, "seeds": 1, "evaluate_every": 1, "checkpoint_every": 1, "evaluation_episodes": 0}
 """Minimum values of the fields that are whole numbers."""

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..common.errors import SwingupError, naming
+from ..common.errors import MALFORMED, SwingupError, naming
 from ..common.files import read_bytes
 from ..plant.equations import NUMPY, damped_midpoint_step
 from ..plant.plant import Robot, lump
@@ -161,6 +161,9 @@ def read_test(folder: Path) -> SelfTest:
         test = SelfTest(**arrays, **found)
         if not len(test.observations) == len(test.actions) > 0 or not test.calls >= 1 or not test.period > 0:
             raise ValueError
+        if not all(array.dtype.kind in "biuf" for array in arrays.values()):
+            raise TypeError
+        np.broadcast_shapes(test.actions.shape[1:], test.tolerance.shape)
         return test
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
+    except MALFORMED as error:
         raise SwingupError(f"{path} is not a self-test: export the policy again") from error
