@@ -199,12 +199,13 @@ def test_forged_recordings_get_no_score(robot, board, seed):
 
 def test_a_robots_recording_keeps_its_score_and_its_forgery_gets_none():
     """At 33 Hz, where energy agrees only because each torque acts from the next row on."""
-    rows = load_trajectory(Path(__file__).parents[2] / "examples/logs/C1-acrobot-mcpilco.csv")
+    path = Path(__file__).parents[2] / "examples/logs/C1-acrobot-mcpilco.csv"
+    rows = load_trajectory(path)
     for board, kept, warnings in (
         ("hardware", 0.482, {"rate", "band"}),
         ("performance", 0.262, {"rate", "measured", "band"}),
     ):
-        found = score(rows, "acrobot", board)
+        found = score(path, "acrobot", board)
         assert found.score == pytest.approx(kept, abs=5e-4)
         assert {each.partition(":")[0] for each in found.warnings} == warnings
         low, _, high = found.warnings[-1].split()[1:4]

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -20,7 +21,7 @@ from .board import AbstractBoard, Case, Result, Run, Setting
 from .boards import BOARDS, get_board
 from .disturbances import DisturbanceSettings
 from .plausibility import TORQUE_ERROR, examine, possible_runs
-from .recording import recorded, scorable_rows
+from .recording import load_trajectory, recorded, scorable_rows
 from .rollout import Scenario, SimulatedBatch, Trajectory
 from .runner import Progress, prepare, run_many, stack
 from .swing_up_board import SwingUpBoard
@@ -103,7 +104,7 @@ def judge(
 
 
 def score(
-    trajectory: Trajectory,
+    trajectory: Trajectory | str | Path,
     robot: Robot | str,
     board: AbstractBoard | str = "performance",
     *,
@@ -117,7 +118,7 @@ def score(
     success; in an uptime the missing time counts as down. What cannot be the physics of the plant gets no score.
 
     Args:
-        trajectory: NumPy arrays in float64.
+        trajectory: NumPy arrays in float64, or a recording's file.
         robot: which joint is driven.
         board: a board that scores rows, or its name.
         name: name of the recording in the result.
@@ -129,6 +130,8 @@ def score(
             fewer than 3 rows, rows of other shapes, values that are not finite, or times that do not increase or
             start far from 0; or a score above 0 is not that of the plant's physics on the board.
     """
+    if isinstance(trajectory, str | Path):
+        trajectory = load_trajectory(trajectory)
     board, robot = get_board(board), get_robot(robot)
     if not board.keeps_rows:
         others = ", ".join(each.name for each in BOARDS.values() if each.keeps_rows)
