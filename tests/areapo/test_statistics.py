@@ -53,6 +53,15 @@ def test_the_unit_of_constant_rewards_is_their_size(reward):
     assert float(deviation(scale)) == pytest.approx(abs(reward) or 1.0)
 
 
+def test_a_rare_goal_is_seen_beside_a_large_constant():
+    """One step of 20,000 earns 1000 where all others earn 999: the deviation is √(p (1 - p)), and not 999."""
+    rewards, scale = np.full((10, 2000), 999.0, np.float32), running_statistics()
+    rewards[7, 1234] = 1000.0
+    for each in rewards:
+        scale = update(scale, each, np.ones(2000, np.float32))
+    assert float(deviation(scale)) == pytest.approx(np.sqrt(5e-5 * (1.0 - 5e-5)), rel=1e-4)
+
+
 def test_the_unit_is_the_deviation_of_fading_sums():
     """λ = 0.5: 1, 1 + 0.5 and, after a reset, -1 and -1 - 0.5; their deviation is √(6.5 / 4), that of a step 1."""
     config = dataclasses.replace(CONFIG, num_envs=1, batch_size=4, gae_lambda=(0.5, 0.5), normalise_rewards=True)

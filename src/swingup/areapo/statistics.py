@@ -11,8 +11,10 @@ from ..common.types import Scalar
 from ..tasks.task import NormaliseStage
 
 MIN_RELATIVE_DEVIATION = 1e-5
-"""Rewards that vary by less than this share of their mean count as constant: single precision leaves constant ones
-such a variance."""
+"""Rewards of a rollout that vary by less than this share of their mean count as constant: so large is the mean's
+rounding in single precision."""
+SPACING = 2.0**-23
+"""That of single precision: a running deviation below this share of the mean is the rewards' own rounding."""
 Weights = Float[Array, "*frames"] | None
 """1 for a frame that counts, 0 for one that does not; None where all do."""
 
@@ -98,7 +100,7 @@ def running_statistics(*shape: int) -> RunningStatistics:
 
 def deviation(statistics: RunningStatistics) -> Scalar:
     """The rewards' deviation: their size where they are constant, and 1 while all are 0."""
-    varies = statistics.variance > (MIN_RELATIVE_DEVIATION * statistics.mean) ** 2
+    varies = statistics.variance > (SPACING * statistics.mean) ** 2
     # The inner choice keeps the root's argument away from 0.
     constant = jnp.where(statistics.mean == 0.0, 1.0, jnp.abs(statistics.mean))
     return jnp.where(varies, jnp.sqrt(jnp.where(varies, statistics.variance, 1.0)), constant)

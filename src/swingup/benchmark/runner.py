@@ -24,7 +24,7 @@ from ..controllers.interface import (
     check_interface,
     check_robot,
     checked_torques,
-    innermost,
+    layers,
     split,
 )
 from ..controllers.registry import Controller
@@ -101,10 +101,10 @@ def prepare(source: Any, robot: Robot, name: str, plant: Plant | None = None) ->
         if isinstance(controller, AbstractController):
             with jax.enable_x64(True):
                 check_interface(controller)
-    policy = innermost(controller) if isinstance(controller, AbstractController) else controller
-    if plant is not None and isinstance(policy, PolicyController):
+    around = layers(controller)
+    if plant is not None and around and isinstance(policy := around[-1], PolicyController):
         # Behind an identifier a policy that sees its plant is for all plants in its range.
-        identifies = isinstance(controller, AbstractController) and "identifier" in controller.surrounding_parts
+        identifies = any(getattr(layer, "identifier", None) for layer in around)
         seen = policy_of(policy).network.plant_stage if identifies else None
         difference = plant_difference(plant_of(policy), plant, robot, seen)
         if difference is not None:

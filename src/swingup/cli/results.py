@@ -12,9 +12,10 @@ from ..benchmark.board import CAUSES, Result
 from ..benchmark.leaderboard import ON_ROBOT, OURS, Table
 from ..benchmark.values import COLUMNS
 from ..common.errors import one_line, printable
-from ..controllers.interface import AbstractController
+from ..controllers.interface import layers
 from ..controllers.registry import has_estimator
 from ..controllers.stack.policy import PolicyController
+from ..controllers.stack.regulator import RegulatingController
 from ..plant.plant import LEADERBOARD, Plant, torque_over_gravity
 from ..report.log_report import Part
 from .output import tell, tell_table
@@ -31,7 +32,7 @@ def judged_name(name: str, controller: object) -> str:
     """A controller's name, with a note on what was judged: with an estimator or without, or a policy alone."""
     if has_estimator(controller):
         return f"{name}, with estimator"
-    if isinstance(controller, AbstractController) and controller.surrounding_parts:
+    if any(isinstance(layer, RegulatingController) for layer in layers(controller)):
         return f"{name}, without estimator"
     return name + (", policy alone" if isinstance(controller, PolicyController) else "")
 

@@ -25,7 +25,7 @@ from .interface import (
     check_interface,
     check_robot,
     checked_torques,
-    innermost,
+    layers,
     split,
     trial_states,
 )
@@ -261,7 +261,7 @@ def upright_law(source: Any, robot: Robot, plant: Plant) -> tuple[list[str], lis
     friction. A law that does not hold is a finding where its other sign, or another zero of the shoulder, would.
     """
     controller = source if isinstance(source, AbstractController | PythonController) else PythonController(source)
-    if isinstance(controller, AbstractController) and isinstance(innermost(controller), PolicyController):
+    if any(isinstance(layer, PolicyController) for layer in layers(controller)):
         return [], []
     joint, limit, model = robot.joint, float(plant.limit(robot.joint)), design_model(plant, robot)
     A, B, _ = (each[0] for each in linearised(model, robot, UPRIGHT[None], np.zeros(1)))

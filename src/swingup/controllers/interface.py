@@ -71,16 +71,6 @@ Carry = TypeVar("Carry")
 class AbstractController(eqx.Module, Generic[Carry]):
     """A controller of the double pendulum: ``init() -> carry``, then ``(carry, t, x) -> (carry, u)``."""
 
-    @property
-    def inner_controller(self) -> "AbstractController[Any] | None":
-        """The controller that this one stands around; None for one that stands alone."""
-        return None
-
-    @property
-    def surrounding_parts(self) -> tuple[str, ...]:
-        """What stands around the innermost controller, from outside: estimator, identifier, regulator."""
-        return () if self.inner_controller is None else self.inner_controller.surrounding_parts
-
     @abc.abstractmethod
     def init(self) -> Carry:
         """What the controller remembers before the first step."""
@@ -93,9 +83,13 @@ class AbstractController(eqx.Module, Generic[Carry]):
         """
 
 
-def innermost(controller: AbstractController[Any]) -> AbstractController[Any]:
-    """The controller around which all others stand."""
-    return controller if controller.inner_controller is None else innermost(controller.inner_controller)
+def layers(controller: Any) -> list[AbstractController[Any]]:
+    """A controller, then what stands behind it, from outside to the innermost; none in plain Python."""
+    found = []
+    while isinstance(controller, AbstractController):
+        found.append(controller)
+        controller = getattr(controller, "controller", None)
+    return found
 
 
 class AbstractPlantController(AbstractController[Carry]):
@@ -122,11 +116,6 @@ class ZeroedController(AbstractController[Carry]):
 
     controller: AbstractController[Carry]
     zeros: tuple[float, float]  # Shown where the pendulum hangs (rad)
-
-    @property
-    def inner_controller(self) -> AbstractController[Any]:
-        """The controller behind."""
-        return self.controller
 
     @property
     def passive_limit(self) -> float:

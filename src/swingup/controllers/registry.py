@@ -14,7 +14,7 @@ from ..loop.resolve import resolve
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
 from ..policy.shipped import SHIPPED_POLICIES, is_policy, load_policy
 from .baselines.baselines import BASELINES, baseline
-from .interface import AbstractController, PythonController, from_zeros
+from .interface import AbstractController, PythonController, from_zeros, layers
 from .stack.estimator import EstimatingController, with_estimator
 from .stack.policy import make_controller
 
@@ -81,7 +81,7 @@ def controller_on(name: str, robot: Robot | str, plant: Plant, estimator: bool |
 
 def has_estimator(controller: Any) -> bool:
     """Whether a state estimator stands before the controller."""
-    return isinstance(controller, AbstractController) and "estimator" in controller.surrounding_parts
+    return any(isinstance(layer, EstimatingController) for layer in layers(controller))
 
 
 def _imported(name: str) -> Controller:

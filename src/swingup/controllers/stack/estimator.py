@@ -76,17 +76,6 @@ class EstimatingController(AbstractController[EstimatorMemory]):
     """What the identifier begins with, mean and covariance in C.1's units; None for those of the plant."""
 
     @property
-    def inner_controller(self) -> AbstractController[Any]:
-        """The controller that sees the estimate."""
-        return self.controller
-
-    @property
-    def surrounding_parts(self) -> tuple[str, ...]:
-        """The estimator, perhaps with its identifier, and what stands behind it."""
-        own = ("estimator",) if self.identifier is None else ("estimator", "identifier")
-        return own + self.controller.surrounding_parts
-
-    @property
     def constants(self) -> EstimatorConstants:
         """Constants of the estimator, and of its identifier if it has one."""
         constants = estimator_constants(self.settings, self.plant, self.robot.joint, self.identifier)

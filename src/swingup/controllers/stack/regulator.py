@@ -42,16 +42,6 @@ class RegulatingController(AbstractPlantController[RegulatorMemory]):
     robot: Robot = eqx.field(static=True)  # Which joint is driven
 
     @property
-    def inner_controller(self) -> AbstractController[Any]:
-        """The policy."""
-        return self.controller
-
-    @property
-    def surrounding_parts(self) -> tuple[str, ...]:
-        """The regulator, and what stands around its policy."""
-        return ("regulator", *self.controller.surrounding_parts)
-
-    @property
     def loop(self) -> Loop:
         """What the regulator knows."""
         known = self.settings, self.geometry, self.robot.joint, self.torque_limit
