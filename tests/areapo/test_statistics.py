@@ -97,6 +97,21 @@ def test_without_gains_rewards_are_centred_and_an_end_has_the_value_of_nothing()
     np.testing.assert_allclose(after.critic.heads.weight, heads.weight / units[:, None], rtol=1e-6)
 
 
+@pytest.mark.parametrize("offset", [-1.0, 999.0])
+def test_the_first_goal_after_equal_rewards_leaves_an_untaught_critic(offset):
+    """σ falls from the constant's size to the goal's deviation; a critic's noise must not grow by their ratio."""
+    sizes = {"num_envs": 1, "num_steps": 2, "batch_size": 2, "normalise_rewards": True}
+    config = dataclasses.replace(CONFIG, **sizes, gain="none", terminations="end", discount=(0.5, 0.5))
+    state, nothing = init(jax.random.key(0), Walk(), config), np.zeros((2, 1), np.float32)
+    for rewards, ends in (([[0.0], [0.0]], [[False], [False]]), ([[0.0], [1.0]], [[False], [True]])):
+        rollout = Rollout(*[nothing] * 3, np.float32(rewards) + np.float32(offset), nothing, *[np.array(ends)] * 2)
+        after, _ = scale(state, rollout, config)
+        np.testing.assert_array_equal(after.critic.heads.weight, state.critic.heads.weight)
+        state = after
+    assert 0.4 < float(reward_unit(state)) < 2.0
+    assert float(jnp.abs(state.critic.heads.bias).max()) < 2.0
+
+
 class Paid(Walk):
     """Walks whose reward depends on action and place, in units of ``size``; each end costs."""
 

@@ -17,7 +17,7 @@ from ..common.types import Count, Scalar
 from .config import Config
 from .networks import Critic
 from .state import LearnerState, Rollout, reward_unit, termination_rate
-from .statistics import MIN_RELATIVE_DEVIATION, deviation, mean
+from .statistics import MIN_RELATIVE_DEVIATION, deviation, mean, varies
 
 TERMINATION_TARGET = 1e-3  # f*: target of the adaptive cost, in terminations a step (RVI-SAC, arXiv 2408.01972)
 COST_STEP = 1.5
@@ -130,11 +130,12 @@ def scale_rewards(state: LearnerState, rollout: Rollout, config: Config) -> tupl
     """
     if not config.normalise_rewards:
         return state, rollout
-    old, former = state.reward_statistics, reward_unit(state)
+    old, sum_statistics, former = state.reward_statistics, state.sum_statistics, reward_unit(state)
     new = old.update_all(rollout.rewards, rollout.counted)
     if without_gain := config.gain == "none":
         forever = 1.0 / (1.0 - jnp.asarray(config.discount[0]))
-        rewards = rollout.rewards - new.mean
+        # Less the first reward before: single precision would lose small differences of large rewards.
+        rewards = rollout.rewards - new.origin - new.difference
         if config.terminations == "end":
             # Where rewards have a positive mean, to end at a goal is as good as to go on: its constant is no loss.
             lost = rollout.terminated & ~(reached_goals(rollout)[0] & (new.mean > 0.0))
@@ -142,13 +143,16 @@ def scale_rewards(state: LearnerState, rollout: Rollout, config: Config) -> tupl
         rollout = replace(rollout, rewards=rewards)
     sums = state.sum_statistics.update_all(decayed_sums(rollout, config), rollout.counted)
     state = replace(state, reward_statistics=new, sum_statistics=sums)
-    # Before the first reward there is no unit: an untrained critic's values are in units of σ, whatever that is.
     unit, known = reward_unit(state), old.count > 0
     ratio = jnp.where(known, former / unit, 1.0)
-    shift = jnp.where(known, forever * (new.mean - old.mean) / unit, 0.0) if without_gain else jnp.zeros(())
-    pair = jnp.stack([ratio, jnp.ones(())])
-    critic = state.critic.with_values(pair, jnp.stack([shift, jnp.zeros(())]))
-    state = replace(state, critic=critic, gains=state.gains * pair)
+    shift = (
+        jnp.where(known, forever * (new.difference - old.difference) / unit, 0.0) if without_gain else jnp.zeros(())
+    )
+    # Before rewards vary a critic has learnt nothing: its values are in units of σ, whatever that will be.
+    taught = varies(old) | (sum_statistics.variance > 0.0)
+    factors = jnp.stack([jnp.where(taught, ratio, 1.0), jnp.ones(())])
+    critic = state.critic.with_values(factors, jnp.stack([shift, jnp.zeros(())]))
+    state = replace(state, critic=critic, gains=state.gains * jnp.stack([ratio, jnp.ones(())]))
     return state, replace(rollout, rewards=rollout.rewards / unit)
 
 

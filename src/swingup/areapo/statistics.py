@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..common.types import Scalar
+from ..common.types import Flag, Scalar
 from ..tasks.task import NormaliseStage
 
 MIN_RELATIVE_DEVIATION = 1e-5
@@ -98,9 +98,14 @@ def running_statistics(*shape: int) -> RunningStatistics:
     return RunningStatistics(jnp.zeros(shape), jnp.zeros(shape), jnp.zeros(shape), jnp.zeros(()))
 
 
+def varies(statistics: RunningStatistics) -> Flag:
+    """Whether rewards so far differ by more than their rounding."""
+    return statistics.variance > (SPACING * statistics.mean) ** 2
+
+
 def deviation(statistics: RunningStatistics) -> Scalar:
     """The rewards' deviation: their size where they are constant, and 1 while all are 0."""
-    varies = statistics.variance > (SPACING * statistics.mean) ** 2
+    varied = varies(statistics)
     # The inner choice keeps the root's argument away from 0.
     constant = jnp.where(statistics.mean == 0.0, 1.0, jnp.abs(statistics.mean))
-    return jnp.where(varies, jnp.sqrt(jnp.where(varies, statistics.variance, 1.0)), constant)
+    return jnp.where(varied, jnp.sqrt(jnp.where(varied, statistics.variance, 1.0)), constant)
