@@ -39,14 +39,14 @@ from swingup.loop.resolve import resolve
 from swingup.plant.files import model_text
 from swingup.plant.plant import ROBOTS
 from swingup.policy.estimator import EstimatorSettings
-from swingup.policy.feedback import feedback_controller, read_feedback, write_feedback
+from swingup.policy.feedback import policy_controller, read_feedback, write_feedback
 from swingup.policy.file import read_network
 from swingup.policy.guard import GuardSettings
 from swingup.policy.identifier import IdentifierSettings
 from swingup.policy.numpy_backend import numpy_controller
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
 from swingup.policy.regulator import RegulatorSettings
-from swingup.policy.self_test import loop_test, policy_controller, read_test
+from swingup.policy.self_test import loop_test, read_test
 from swingup.policy.spaces import Space
 from swingup.report.figures import curves_figure, read_robustness, robustness_figure
 
@@ -245,7 +245,7 @@ def run_policy(path):
 def run_law(path):
     """A law that is accepted gives finite torques, and has a header in C."""
     found = read_feedback(path)
-    controller = feedback_controller(found)
+    controller = policy_controller(found)
     torques = [controller(np.array([0.1 * k, 0.2, 300.0, -0.1]), 0.002 * k) for k in range(3)]
     assert np.isfinite(torques).all(), f"torques {torques}"
     assert not {"inff", "nanf"} & set(re.findall("[a-z]+", c_header(found)))

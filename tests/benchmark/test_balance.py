@@ -24,7 +24,7 @@ def test_an_lqr_is_judged_near_the_top():
 @pytest.mark.parametrize(
     ("angle", "said"),
     [
-        (lambda t: 8.0 * t, "never held: the tip passes the top 13 times, for 0.11 s at most"),
+        (lambda t: 8.0 * t, "never caught: the tip passes the top 13 times, for 0.11 s at most"),
         (lambda t: np.pi * np.clip(np.minimum(t, 8.0 - t), 0.0, 1.0), "up at t = 0.858 s, fell at t = 7.144 s"),
     ],
 )
@@ -34,4 +34,4 @@ def test_what_spins_through_the_top_did_not_fall(angle, said):
     x = np.stack([angle(t), 0.0 * t, 0.0 * t, 0.0 * t], axis=1)
     found = follow_tip(t, x, 0.2, 0.3, PERFORMANCE)
     assert found.failure.startswith(said)
-    assert found.cause == ("never up" if "never" in said else "fell")
+    assert found.cause == ("no swing-up" if "never" in said else "fell")

@@ -9,9 +9,13 @@ from swingup.benchmark.diagnosis import diagnose
 from swingup.benchmark.rollout import Scenario
 from swingup.benchmark.runner import run_one
 from swingup.cli import main
+from swingup.controllers.baselines.baselines import feedback_policy
 from swingup.controllers.interface import PythonController
+from swingup.export.folder import export_folder
 from swingup.plant.files import load_plant
+from swingup.policy.feedback import policy_controller
 from swingup.policy.numpy_backend import load_controller
+from swingup.rehearsal.process import find_folder
 
 SIGN = np.array([1.0, -1.0, 1.0, -1.0])  # the elbow's encoder counts the other way
 
@@ -57,3 +61,25 @@ def test_simulations_fail_with_the_cause_alone(reversed_encoder):
 def test_a_run_of_another_policy_is_noted(reversed_encoder):
     found = diagnose(reversed_encoder, "global", "C.1", robot="acrobot", simulate=False)
     assert any("torques are those" in note for note in found.notes)
+
+
+def test_a_feedback_law_is_diagnosed_as_a_policy_is(tmp_path, monkeypatch):
+    """By its file and by its folder: the LQR's first torques are the log's. A name alone is designed anew."""
+    monkeypatch.chdir(tmp_path)
+    plant = load_plant("C.1").frictionless()
+    law = feedback_policy("lqr", "acrobot", plant)
+    export_folder(law, "entry", "realaigym", "held")
+    found, rows = policy_controller(law), []
+
+    def act(x, t):
+        u = found(x, t)
+        rows.append([t, *x, *u])
+        return u
+
+    start = np.array([np.pi + 0.02, 0.0, 0.0, 0.0])
+    run_one(PythonController(act), Scenario(plant, substeps=2, start=start), 0.002, 1000)
+    head = "time,pos_meas1,pos_meas2,vel_meas1,vel_meas2,tau_con1,tau_con2"
+    np.savetxt("run.csv", rows[-1000:], delimiter=",", header=head, comments="")
+    assert main(["diagnose", "run.csv", "--policy", "entry", "--quick", "--json"]) == 0
+    assert diagnose("run.csv", find_folder("entry").policy, simulate=False).own
+    assert main(["diagnose", "run.csv", "--policy", "lqr", "--robot", "acrobot"]) == 2

@@ -16,6 +16,16 @@ from swingup.controllers.swingups.reference import load_reference
 from swingup.policy.file import write_network
 
 
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [("folder", "such as folder/best.safetensors"), ("mine:Controller", "a controller of your own")],
+)
+def test_what_is_no_policy_is_named(source, message, tmp_path, capsys):
+    (tmp_path / "folder").mkdir()
+    assert main(["export", source, "--robot", "acrobot", "--to", "c", "--out", "policy.h"]) == 2
+    assert message in capsys.readouterr().err
+
+
 def test_a_policy_file_and_the_entrys_names(run, tmp_path):
     source = tmp_path / "mine.safetensors"
     save_controller(source, *lone_policy("ar-eapo", "pendubot"))

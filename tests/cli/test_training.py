@@ -46,6 +46,35 @@ def test_train_and_resume(run, capsys):
         assert message in capsys.readouterr().err
 
 
+ENDLESS = """
+import gymnasium, numpy as np
+
+class Endless(gymnasium.Env):
+    observation_space, action_space = gymnasium.spaces.Box(-9, 9, (1,)), gymnasium.spaces.Box(-1, 1, (1,))
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return np.zeros(1, np.float32), {}
+
+    def step(self, action):
+        return np.zeros(1, np.float32), float(action[0]), False, False, {}
+
+gymnasium.register("Endless-v0", Endless)
+"""
+
+
+def test_a_task_of_the_working_folder_that_never_ends(run, capsys):
+    """Its module is found there; time counts before policies are saved, and a default for episodes is told."""
+    Path("endless_task.py").write_text(ENDLESS)
+    assert main(f"train --env endless_task:Endless-v0 --frames 128 --out r {TINY}".split()) == 0
+    assert (
+        "no episode ended: where the task goes on for ever, --preset continuing is for it"
+        in capsys.readouterr().err
+    )
+    assert load_policy("r/best.safetensors").metadata["seconds"] > 0.0
+    assert "2000" in run("evaluate --controller r/best.safetensors --episodes 1")
+
+
 def test_ctrl_c_ends_the_command(capsys):
     def press():
         path, deadline = Path("r/metrics.jsonl"), time.monotonic() + 300

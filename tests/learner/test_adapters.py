@@ -26,7 +26,7 @@ from swingup.tasks.task import AbstractTask
 
 from . import corridors
 from .corridors import PACES, Corridor, Discrete, Hall, Logged, Params, Passage, Room
-from .environments import TINY
+from .environments import TINY, Lever
 
 SMOOTH = dataclasses.replace(smooth_task(ROBOTS["acrobot"]), truncation_probability=0.0)
 ACROBOT = PendulumEnvironment("acrobot", SMOOTH)
@@ -373,3 +373,38 @@ def test_a_suite_of_the_package(package, name):
     check_starts(lambda: task, [ending])
     check_repeats(lambda: task, [ending])
     assert hold(task, *ending[:2]).truncated.tolist() == [[False, False]] * 2 + [[True, True]]
+
+
+class TooLong(Lever):
+    """Shows two numbers where it says one."""
+
+    def observe(self, state):
+        return jnp.stack([state, state])
+
+
+class Branching(Lever):
+    """Branches in Python on a traced number."""
+
+    def step(self, state, action, key):
+        return super().step(state if state < 5.0 else 0.0 * state, action, key)
+
+
+class Growing(Lever):
+    """Its state becomes a vector."""
+
+    def step(self, state, action, key):
+        return dataclasses.replace(super().step(state, action, key), state=jnp.zeros(2))
+
+
+@pytest.mark.parametrize(
+    ("task", "message"),
+    [
+        (TooLong(), "observe() of TooLong has shape (2,): the task needs (1,)"),
+        (Branching(), "tracing reset, observe and step of Branching raised TracerBoolConversionError"),
+        (Growing(), "step() of Growing changes the shapes of the state"),
+        (Lever, "pass the task itself"),
+    ],
+    ids=["observation", "branch", "state", "class"],
+)
+def test_a_task_in_jax_that_cannot_be_learnt_is_told_before(task, message):
+    assert message in refusal(AREAPO, task, "continuing", **TINY)

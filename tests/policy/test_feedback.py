@@ -17,7 +17,7 @@ from swingup.export.folder import export_folder
 from swingup.plant.equations import NUMPY, damped_midpoint_step
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, lump
-from swingup.policy.feedback import feedback_controller, read_feedback, write_feedback
+from swingup.policy.feedback import load_robot_policy, policy_controller, read_feedback, write_feedback
 from swingup.policy.guard import GuardSettings
 from swingup.rehearsal.process import find_folder
 from swingup.runtime import load_controller
@@ -80,7 +80,7 @@ EACH = [pytest.param(each, marks=pytest.mark.slow if each in ("lqr", "tvlqr") el
 @pytest.mark.parametrize("case", EACH, indirect=True)
 def test_torques_are_jaxs(case, tmp_path):
     law, times, states, expected = case
-    numpys = feedback_controller(law)
+    numpys = policy_controller(law)
     library = compiled.compile_header(tmp_path, c_header(law), *compiled.CAREFUL)
     assert library.self_test() == 0
     for run in range(len(STARTS)):
@@ -98,7 +98,7 @@ def test_a_state_that_is_not_finite_gives_nan(tmp_path):
     law, joint = feedback_policy("tvlqr", "acrobot"), 1
     library, states = compiled.compile_header(tmp_path, c_header(law)), np.zeros((4, 4))
     states[[0, 2], [1, 3]] = np.nan, np.inf
-    found, times = feedback_controller(law), 0.01 * np.arange(4)
+    found, times = policy_controller(law), 0.01 * np.arange(4)
     for u in (
         np.array([found(x, t) for x, t in zip(states, times, strict=True)]),
         compiled.watch(library, times, states)[0],
@@ -126,7 +126,7 @@ def test_a_folder_has_the_law_with_its_guard(form, tmp_path):
     )
     entry = runpy.run_path(export_folder(law, tmp_path / "out", form, f"held_{form}"))
     x = np.array([np.pi + 0.14, -0.13, 0.0, 0.0])
-    found = feedback_controller(dataclasses.replace(law, guard=None))(x, 0.0)
+    found = policy_controller(dataclasses.replace(law, guard=None))(x, 0.0)
     assert abs(found[0]) > 0.1
     controller = entry["controller"]
     if form == "realaigym":
@@ -137,4 +137,4 @@ def test_a_folder_has_the_law_with_its_guard(form, tmp_path):
     assert "The optimal-control baseline lqr" in readme
     assert "@" not in readme
     assert controller.robot.name == "pendubot"
-    assert find_folder(tmp_path / "out").law is not None
+    assert load_robot_policy(find_folder(tmp_path / "out").policy, "pendubot").name == "lqr"

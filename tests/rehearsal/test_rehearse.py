@@ -74,7 +74,7 @@ def test_the_command_in_real_time(tmp_path, capsys):
     # 50 periods of 2 ms.
     assert time.monotonic() - begin > 0.098
     told = json.loads(capsys.readouterr().out)
-    assert (told["runs"], told["stops"], told["details"][0]["cause"]) == (1, [None], "never up")
+    assert (told["runs"], told["stops"], told["details"][0]["cause"]) == (1, [None], "no swing-up")
     assert told["periods"]["p50"] >= 0.002
     assert told["calls"]["maximum"] >= told["calls"]["p99"] >= told["calls"]["p50"] > 0 <= told["missed_deadlines"]
     assert "made for a plant 'leaderboard'" in told["difference"]

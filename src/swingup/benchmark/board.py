@@ -62,7 +62,7 @@ class Criteria:
     """1 - (1/5) Σ tanh(π c_i / n_i) on success, else 0."""
 
 
-CAUSES = ("never up", "beyond a limit", "fell", "up late", "stopped")
+CAUSES = ("no swing-up", "beyond a limit", "fell", "up late", "stopped")
 """Kinds of failures: in the swing-up, at a limit of angle or speed in either phase, at the top, too slow, or ended
 early, by a guard for instance."""
 

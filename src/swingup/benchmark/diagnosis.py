@@ -23,8 +23,9 @@ from ..loop.domain import Domain
 from ..loop.resolve import resolve
 from ..plant.base_parameters import BASE, base_parameters
 from ..plant.plant import ZEROS, PlantLike, Robot, get_robot
+from ..policy.feedback import load_robot_policy
 from ..policy.guard import choose_guard
-from ..policy.shipped import SHIPPED_POLICIES, load_pendulum_policy
+from ..policy.shipped import SHIPPED_POLICIES
 from .board import TipHistory
 from .logged_run import LoggedRun
 from .recording import driven_robot
@@ -146,7 +147,7 @@ def diagnose(
 
     Args:
         log: the log, as :func:`~swingup.identification.recording.read_recording` reads it.
-        policy: the policy's file, or the name of a shipped one.
+        policy: the file of a policy or of a feedback law, or the name of a shipped policy.
         plant: the plant that the policy is for, with the loop of its file; None for that of the policy's file.
         domain: the loop that the plant's file lacks. What a cause is not may lie in its ranges.
         robot: which joint is driven; None where the log's torques or the policy say it.
@@ -158,9 +159,9 @@ def diagnose(
     """
     recording = read_recording(log, columns)
     if robot is None and str(policy) not in SHIPPED_POLICIES:
-        robot = load_pendulum_policy(policy).robot
+        robot = load_robot_policy(policy).robot
     driven = driven_robot(recording.name, recording.u) if robot is None else get_robot(robot)
-    found = load_pendulum_policy(policy, driven)
+    found = load_robot_policy(policy, driven)
     facts = resolve(found.plant if plant is None else plant, domain)
     # The policy subtracts its plant's zeros: what is left of them is what may be wrong.
     recording = replace(recording, q=recording.q - found.plant.zeros)

@@ -20,9 +20,8 @@ from ..loop.loop import Loop
 from ..plant.base_parameters import BASE_NAMES
 from ..plant.files import representative
 from ..plant.plant import Plant, Robot
+from ..policy.feedback import RobotPolicy, policy_controller
 from ..policy.guard import Fault, Guard, GuardSettings
-from ..policy.numpy_backend import numpy_controller
-from ..policy.pendulum import PendulumPolicy
 from ..policy.wiring import WiringWatch
 from .board import TipHistory
 from .boards import HARDWARE
@@ -45,7 +44,7 @@ class LoggedRun:
 
     recording: Recording
     robot: Robot
-    policy: PendulumPolicy
+    policy: RobotPolicy
     guard: GuardSettings
     facts: Domain
     expected: Expected
@@ -68,7 +67,7 @@ class LoggedRun:
 
     def own_share(self) -> float:
         """Share of the first calls in which the policy gives the log's torque for the log's state."""
-        controller, joint = numpy_controller(self.policy, guard=self.guard), self.robot.joint
+        controller, joint = policy_controller(self.policy, self.guard), self.robot.joint
         limit, alike = self.policy.torque_limits[joint], []
         for t, x, u in zip(self.recording.time, self.states, self.recording.u, strict=True):
             own = controller(x, float(t))[joint]
@@ -127,7 +126,7 @@ class LoggedRun:
         disturbance = Disturbance(loop, delay, Pushes(none, none + 1.0, none), np.zeros(2, np.uint32), effects)
         scenario = Scenario(plant, disturbance, substeps=stable_substeps(plant, dt))
         steps = int(min(self.recording.duration, MAX_DURATION) / dt)
-        controller = PythonController(_Wired(numpy_controller(self.policy, guard=self.guard), suspect))
+        controller = PythonController(_Wired(policy_controller(self.policy, self.guard), suspect))
         with jax.enable_x64(True):
             rows = run_one(controller, jax.tree.map(np.asarray, scenario), dt, steps, delay + 2)
         good = np.isfinite(rows.x).all(axis=1)

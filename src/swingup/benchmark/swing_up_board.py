@@ -188,7 +188,7 @@ def follow_tip(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: Swi
     if rules.limits and not rules.stops and (passed := _limit_passed(time, x, every, rules.limits)):
         failure, cause = passed, "beyond a limit"
     elif not up.any():
-        cause = "never up"
+        cause = "no swing-up"
         failure = f"never up: the tip reached {highest:.3f} m and must pass {rules.height * reach:g} m"
     elif not up[-1]:
         edges = np.flatnonzero(np.diff(np.concatenate([[False], up])))
@@ -198,10 +198,9 @@ def follow_tip(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: Swi
         cause, failure = "fell", f"up at t = {begun:.3f} s, fell at t = {ended:.3f} s"
         # What was never caught did not fall.
         if stretches[longest] < CAUGHT:
-            cause = "never up"
-            failure = (
-                f"never held: the tip passes the top {len(stretches)} times, for {stretches[longest]:.2f} s at most"
-            )
+            cause = "no swing-up"
+            times_up, most = len(stretches), stretches[longest]
+            failure = f"never caught: the tip passes the top {times_up} times, for {most:.2f} s at most"
         elif times[last + 1] > ended:
             failure += f", last up at t = {times[last]:.3f} s"
     # Both the benchmark's limit on the last time and ours on the span.

@@ -9,6 +9,7 @@ from tyro.conf import arg
 
 from ..benchmark.boards import SIM2REAL, swing_up_board
 from ..benchmark.recording import driven_robot, load_trajectory, save_trajectory
+from ..common.arrays import SUFFIX
 from ..common.checks import check_seeds, one_of, positive_number
 from ..common.errors import SwingupError, command_line, quoted
 from ..common.files import check_suffix, check_writable, has_suffix, write_atomically
@@ -39,9 +40,9 @@ from ..export.folder import (
 )
 from ..export.onnx_graph import onnx_model
 from ..plant.plant import LEADERBOARD, Robot, validated
-from ..policy.feedback import FeedbackPolicy
+from ..policy.feedback import FeedbackPolicy, RobotPolicy
 from ..policy.guard import GuardSettings, choose_guard
-from ..policy.pendulum import PendulumPolicy, write_plant
+from ..policy.pendulum import write_plant
 from ..policy.policy import TaskPolicy
 from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_policy
 from ..rehearsal.process import CALLING_TIME
@@ -134,11 +135,15 @@ def export_command(
         _export_trajectory(policy, _needed(robot, policy), out, plant, seed)
         return
     refuse_ignored({"seed": seed}, "goes with --to trajectory")
-    found: TaskPolicy | PendulumPolicy | FeedbackPolicy
+    found: TaskPolicy | RobotPolicy
     if policy in BASELINES:
         if to not in (*ROBOT_FORMS, "c"):
             raise SwingupError(f"a baseline is not written for {to}: use --to c, {' or '.join(ROBOT_FORMS)}")
         found = feedback_policy(policy, _needed(robot, policy), facts_of(plant) or LEADERBOARD, bool(estimator))
+    elif ":" in policy and not has_suffix(policy, SUFFIX):
+        raise SwingupError(
+            f"{policy} is a controller of your own: its code runs in a loop as it is, without export"
+        )
     else:
         found = load_policy(policy, robot, facts_of(plant))
     if not isinstance(found, TaskPolicy):
@@ -165,7 +170,7 @@ def check_destination(to: str, out: str, name: str) -> None:
 
 
 def write_export(
-    found: TaskPolicy | PendulumPolicy | FeedbackPolicy,
+    found: TaskPolicy | RobotPolicy,
     to: str,
     out: str,
     name: str = NAME,
@@ -183,7 +188,7 @@ def write_export(
     tell(out, *notes)
 
 
-def _pendulum_notes(policy: PendulumPolicy | FeedbackPolicy, to: str) -> list[str]:
+def _pendulum_notes(policy: RobotPolicy, to: str) -> list[str]:
     """What a form lacks of a pendulum's policy."""
     if to == "cloudpendulum":
         return cloudpendulum_notes(policy)
@@ -221,7 +226,7 @@ def _export_trajectory(name: str, robot: Robot, out: str, plant: PlantOptions, s
 
 
 def choose_export_guard(
-    policy: PendulumPolicy | FeedbackPolicy, to: str, wanted: bool, changes: Mapping[str, float | None]
+    policy: RobotPolicy, to: str, wanted: bool, changes: Mapping[str, float | None]
 ) -> GuardSettings | None:
     """The policy file's guard, or that of the robot that a form is for, with what the user changed of it."""
     own = policy.guard or (cloudpendulum_guard(policy.period) if to == "cloudpendulum" else None)

@@ -32,7 +32,7 @@ from ..plant.files import is_plant_name
 from ..plant.measured import measured_plant
 from ..plant.plant import ROBOTS, Plant, Robot
 from ..policy.estimator import default_estimator
-from ..policy.feedback import FeedbackPolicy
+from ..policy.feedback import FeedbackPolicy, RobotPolicy, write_feedback
 from ..policy.guard import choose_guard
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
 from ..policy.shipped import load_pendulum_policy
@@ -55,8 +55,6 @@ DRAWS = 20  # Simulated pendulums that choose the policy, and others that judge 
 ENOUGH = 0.95  # Share of them below which the command names what to do
 START = "C.1"
 HEADERS = (".h", ".hpp")
-
-Found = PendulumPolicy | FeedbackPolicy
 
 
 def make_controller_command(
@@ -82,8 +80,8 @@ def make_controller_command(
     The shipped policy swings many pendulums up if it is told another plant than the true one: the command searches
     for one in simulation. If none succeeds on 95 % of the drawn pendulums, the command tries TVLQR along a swing-up
     of the plant behind a state estimator, and then trains a policy. The best controller is judged on other draws.
-    Beside OUT the command writes OUT.safetensors, the policy (TVLQR has none), and for logs OUT-plant.yml with the
-    plant and OUT-plant-domain.yml with its ranges. It continues a training that was interrupted, in OUT-run.
+    Beside OUT the command writes OUT.safetensors, the policy or TVLQR's feedback law, and for logs OUT-plant.yml
+    with the plant and OUT-plant-domain.yml with its ranges. An interrupted training goes on in OUT-run.
 
     Args:
         sources: logs as of swingup identify; or the file of a plant, perhaps with ranges and a loop.
@@ -127,11 +125,11 @@ def make_controller_command(
     robot = _the_robot(around.nominal_plant, robot)
     file = f"{path}{SUFFIX}"
 
-    def tried(policy: Found) -> tuple[int, Found]:
+    def tried(policy: RobotPolicy) -> tuple[int, RobotPolicy]:
         guarded = dataclasses.replace(policy, guard=choose_export_guard(policy, to, True, {}))
         return _judged(guarded, around, seeds, file, CHOICE_SEED).successes, guarded
 
-    best: tuple[int, Found | None] = -1, None
+    best: tuple[int, RobotPolicy | None] = -1, None
     for candidate in _transferred(around.nominal_plant, robot, to, seed):
         best = max(best, tried(candidate), key=itemgetter(0))
         if best[0] == seeds:
@@ -150,8 +148,9 @@ def make_controller_command(
     options |= {"domain": domain, "frames": frames, "seed": seed, "seeds": seeds, "name": name}
     provenance = {"command": command_line("make-controller", *sources, **options), "version": __version__}
     if isinstance(policy, FeedbackPolicy):
-        policy, file = dataclasses.replace(policy, metadata=provenance), policy.name
-        again = command_line("evaluate", robot.name, controller=file, estimator=True, plant=around.name)
+        policy = dataclasses.replace(policy, metadata=provenance)
+        write_feedback(file, policy)
+        again = command_line("evaluate", robot.name, controller=policy.name, estimator=True, plant=around.name)
         tell(f"{again} runs the same in simulation")
     else:
         write_pendulum_policy(file, policy, {**policy.metadata, **provenance})
@@ -223,7 +222,7 @@ def _trained(plant: Plant, robot: Robot, path: Path, frames: int, seed: int) -> 
     return dataclasses.replace(found, estimator=default_estimator(found.plant)), 0
 
 
-def _judged(policy: Found, around: Domain, seeds: int, file: str, seed: int) -> Result:
+def _judged(policy: RobotPolicy, around: Domain, seeds: int, file: str, seed: int) -> Result:
     """How the controller does on pendulums drawn from the ranges that the logs leave."""
     with Progress() as bar:
         judged: Any

@@ -3,7 +3,7 @@
 import itertools
 import time
 from collections.abc import Iterable, Sequence
-from pathlib import Path
+from shlex import quote
 from typing import Annotated, Any
 
 from tyro.conf import UseAppendAction, arg
@@ -12,8 +12,9 @@ from ..benchmark.diagnosis import diagnose
 from ..benchmark.excitation_rehearsal import rehearse_identification
 from ..benchmark.log_comparison import compare
 from ..common.checks import positive_number
-from ..common.errors import SwingupError, one_line, quoted
+from ..common.errors import SwingupError, command_line, one_line, quoted
 from ..common.files import check_writable
+from ..controllers.baselines.baselines import BASELINES
 from ..controllers.swingups.least_torque import least_torque
 from ..identification.excitation import excite
 from ..identification.identify import identify
@@ -105,7 +106,7 @@ def plant_command(
             _torque_line(name, torque, float(plant.limit(driven[name].joint)), within)
             for name, torque in least.items()
         ),
-        *(f"wrote {each}: use it with --plant {each}" for each in out),
+        *(f"wrote {each}: use it with --plant {quote(each)}" for each in out),
     )
 
 
@@ -133,13 +134,15 @@ def named_values(option: str, words: Iterable[str], example: str) -> dict[str, f
     """NAME=VALUE words of an option as a map."""
     found: dict[str, float] = {}
     for word in words:
-        name, equals, value = word.rpartition("=")
+        name, _, value = word.rpartition("=")
         try:
             number = float(value)
         except ValueError:
-            equals = ""
-        if not equals or not name:
-            raise SwingupError(f"{option} {quoted(word)}: write NAME=VALUE, as in {example}")
+            name = ""
+        if not name:
+            raise SwingupError(
+                f"{option} {quoted(word)}: write NAME=NUMBER without a unit, which is SI's, as in {example}"
+            )
         if name in found:
             raise SwingupError(f"{option} gives {one_line(name, 60)} twice: give it once")
         found[name] = number
@@ -181,7 +184,7 @@ def excite_command(
         json: print one JSON object.
     """
     check_writable(out)
-    likely = plant or ("C.1" if domain is None else "PLANT")
+    again = command_line("identify", "--rehearse", plant or ("C.1" if domain is None else "PLANT"), out)
     found = excite(plant, domain, duration, joint, torque, speed, angle, seed, alone)
     found.save(out)
     if json:
@@ -189,11 +192,11 @@ def excite_command(
         return
     torques = zip(abs(found.torque).max(axis=0), found.limits.torque, strict=True)
     tell(
-        f"{found.time[-1]:.3g} s, checked on {found.plants} plants of {found.prior}",
+        f"{found.time[-1]:.3g} s, checked on {found.plants} plants ({found.prior})",
         "  largest torque " + ", ".join(f"{u:.3g} of {limit:.3g} N m" for u, limit in torques),
         f"  largest speed {found.speed:.3g} of {found.limits.speed:.3g} rad/s, "
         f"angle {found.angle:.3g} of {found.limits.angle:.3g} rad",
-        f"wrote {out}; would its log tell the parameters? swingup identify --rehearse {likely} {out}",
+        f"wrote {out}; would its log tell the parameters? {again}",
     )
 
 
@@ -257,7 +260,7 @@ def identify_command(
     if out:
         domain = found.save(*out)
         if not json:
-            command = f"swingup evaluate ROBOT --board sim2real --domain {domain}"
+            command = f"swingup evaluate ROBOT --board sim2real --domain {quote(str(domain))}"
             tell("", f"wrote {', '.join(out)} and {domain}: try a controller with {command}")
     return 0
 
@@ -347,7 +350,8 @@ def diagnose_command(
 
     Args:
         log: what the controller saw and commanded, as swingup identify reads it.
-        policy: the policy: a folder of swingup export, a policy file (.safetensors) or a shipped policy's name.
+        policy: a folder of swingup export, the file of a policy or feedback law (.safetensors), or a shipped
+            policy's name.
         plant: the plant. Default: that of the policy's file.
         domain: loop that the plant's file lacks: a domain's name or file. What lies in its ranges is no cause.
         robot: acrobot or pendubot, where neither the policy nor the log's torques say it.
@@ -357,7 +361,13 @@ def diagnose_command(
         json: print one JSON object.
     """
     check_outputs(PAGE_FORMATS, out)
-    source: str | Path | None = policy if is_policy(policy) else find_folder(policy).policy
+    if policy in BASELINES:
+        raise SwingupError(
+            f"{policy} is designed anew for each plant: give what ran, the folder of swingup export or the "
+            "feedback law of swingup make-controller (.safetensors)"
+        )
+    folder = None if is_policy(policy) else find_folder(policy)
+    source = policy if folder is None else folder.policy
     if source is None:
         raise SwingupError(f"{one_line(policy)} has no policy file: give the one that it runs (.safetensors)")
     found = diagnose(log, source, plant, domain, robot, columns, not quick)

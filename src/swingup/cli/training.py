@@ -19,7 +19,7 @@ from ..controllers.registry import get_controller
 from ..learner.card import measured
 from ..learner.compiled_backend import share_cores
 from ..learner.metrics import METRICS_FILE, REWARD_RATE, describe_rates, read_metrics, shown_rate, training_resets
-from ..learner.presets import PENDULUM_PRESET, PRESETS, get_preset
+from ..learner.presets import CONTINUING_PRESET, ENV_PRESET, PENDULUM_PRESET, PRESETS, get_preset
 from ..learner.problem import INTERVALS, RobotProblem
 from ..learner.progress import TrainingReport
 from ..learner.run import Run, resume_run, start_run
@@ -154,10 +154,16 @@ def train_shown(run: Run, note: Callable[[TrainingReport], str] = lambda report:
         progress("frames", run.frames, run.goal)
         if settings.problem.stream:
             progress.log(f"an update takes {run.backend.pause:.2f} s, in which nobody acts")
+        ended = settings.preset != ENV_PRESET
         with _stopped_by_signals(run) as received:
             for report in run.advance():
                 progress("frames", report.frames, run.goal, figures(report, note(report)))
+                ended |= report.best.training.ended
         run.close()
+        if not ended:
+            progress.log(
+                f"no episode ended: where the task goes on for ever, --preset {CONTINUING_PRESET} is for it"
+            )
         if not received:
             return 0
         command = f"{program_typed()} train --resume {shlex.quote(str(run.folder))}"

@@ -4,8 +4,9 @@ import contextlib
 import errno
 import os
 import re
+import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -128,3 +129,19 @@ def check_suffix(path: str | Path, known: Sequence[str]) -> str:
     if not has_suffix(path, *known):
         raise SwingupError(f"cannot write {path}: its name must end in {' or '.join(known)}")
     return Path(path).suffix.lower()
+
+
+@contextlib.contextmanager
+def working_folder_first() -> Iterator[None]:
+    """Search the working folder first, as ``python`` itself does, during one import.
+
+    Afterwards the folder comes last, for what the module imports when it is called. There it hides no package: a
+    ``json.py`` in the working folder does not replace Python's.
+    """
+    sys.path.insert(0, "")
+    try:
+        yield
+    finally:
+        sys.path.remove("")
+        if "" not in sys.path:
+            sys.path.append("")

@@ -1,15 +1,13 @@
 """Controllers by name: a built-in one, a policy file, or ``module:object``."""
 
-import contextlib
 import importlib
 import inspect
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from ..common.checks import suggestion
 from ..common.errors import SwingupError, described, naming, quoted
+from ..common.files import working_folder_first
 from ..loop.resolve import resolve
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
 from ..policy.shipped import SHIPPED_POLICIES, is_policy, load_policy
@@ -93,7 +91,7 @@ def _imported(name: str) -> Controller:
         hint = f"; for an object of a module: {name.removesuffix('.py')}:NAME" if name.endswith(".py") else near
         raise SwingupError(f"unknown controller {quoted(name)}: use {known}{hint}")
     try:
-        with _working_folder_first():
+        with working_folder_first():
             found: Any = importlib.import_module(module_name)
             for attribute in object_name.split("."):
                 found = getattr(found, attribute)
@@ -108,19 +106,3 @@ def _imported(name: str) -> Controller:
         ) from error
     with naming(f"controller {quoted(name)}"):
         return found if isinstance(found, AbstractController) else PythonController(found)
-
-
-@contextlib.contextmanager
-def _working_folder_first() -> Iterator[None]:
-    """Search the working folder first, as ``python`` itself does, during one import.
-
-    Afterwards the folder comes last, for what the module imports when it is called. There it hides no package: a
-    ``json.py`` in the working folder does not replace Python's.
-    """
-    sys.path.insert(0, "")
-    try:
-        yield
-    finally:
-        sys.path.remove("")
-        if "" not in sys.path:
-            sys.path.append("")

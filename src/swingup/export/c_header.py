@@ -17,7 +17,7 @@ from ..plant.momentum import CLOSE_RATES
 from ..plant.units import C1, arm_scales, scaled, similar_plant
 from ..policy import estimator, identifier, regulator, wiring
 from ..policy.estimator import EstimatorConstants, estimator_constants
-from ..policy.feedback import FeedbackPolicy
+from ..policy.feedback import FeedbackPolicy, RobotPolicy
 from ..policy.guard import (
     DEAD_TRAVEL,
     JUMP_RATIO,
@@ -74,9 +74,7 @@ UNGUARDED_NOTE = """\
 """
 
 
-def c_header(
-    policy: TaskPolicy | PendulumPolicy | FeedbackPolicy, name: str = NAME, precision: Precision = "double"
-) -> str:
+def c_header(policy: TaskPolicy | RobotPolicy, name: str = NAME, precision: Precision = "double") -> str:
     """The header's text, in which all names begin with ``name``: several go into one program."""
     check_export_name(name)
     if isinstance(policy, TaskPolicy):
@@ -86,7 +84,7 @@ def c_header(
     return header(_usage(policy, data, precision), data, "loop_test.h", precision, name)
 
 
-def _usage(policy: PendulumPolicy | FeedbackPolicy, data: dict[str, Data], precision: Precision) -> str:
+def _usage(policy: RobotPolicy, data: dict[str, Data], precision: Precision) -> str:
     parts = {"state estimator": policy.estimator, "identifier": policy.identifier, "safety guard": policy.guard}
     around = " and its ".join(name for name, part in parts.items() if part is not None)
     if isinstance(policy, FeedbackPolicy):
@@ -115,7 +113,7 @@ SHARED_CONSTANTS = (
 """Constants of the identifier that the runtime has under the same names."""
 
 
-def runtime_data(policy: PendulumPolicy | FeedbackPolicy) -> dict[str, Data]:
+def runtime_data(policy: RobotPolicy) -> dict[str, Data]:
     """All that the runtime needs, part by part."""
     parts = {
         "ESTIMATOR": policy.estimator,
@@ -146,7 +144,7 @@ def runtime_data(policy: PendulumPolicy | FeedbackPolicy) -> dict[str, Data]:
     return found | {"the self-test": test_data(loop_test(policy))}
 
 
-def plant_data(policy: PendulumPolicy | FeedbackPolicy) -> Data:
+def plant_data(policy: RobotPolicy) -> Data:
     """What the policy's plant is, in its base parameters and C.1's units, these units, and what its motors can."""
     scales = arm_scales(policy.plant)
     plant = similar_plant(policy.plant, scales)
@@ -265,7 +263,7 @@ def regulator_data(loop: Regulator) -> Data:
     }
 
 
-def guard_data(settings: GuardSettings, policy: PendulumPolicy | FeedbackPolicy) -> Data:
+def guard_data(settings: GuardSettings, policy: RobotPolicy) -> Data:
     """The guard's limits."""
     return {
         **{f"GUARD_{name.upper()}": value for name, value in asdict(settings).items()},
@@ -286,7 +284,7 @@ WATCHED_CONSTANTS = (
 )  # fmt: skip
 
 
-def _watch_data(policy: PendulumPolicy | FeedbackPolicy) -> Data:
+def _watch_data(policy: RobotPolicy) -> Data:
     """What the guard looks at in the first second."""
     rows = [
         (*each.signs, each.crossed, each.torque, each.exchanged, *reason)

@@ -15,10 +15,10 @@ from ..common import __version__
 from ..common.errors import SwingupError, quoted
 from ..common.files import behind_links, check_writable, write_atomically
 from ..policy.feedback import FILE as LAW_FILE
-from ..policy.feedback import FeedbackPolicy, write_feedback
+from ..policy.feedback import FeedbackPolicy, RobotPolicy, write_feedback
 from ..policy.file import write_network
 from ..policy.guard import GuardSettings, default_guard
-from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
+from ..policy.pendulum import write_pendulum_policy
 from ..policy.policy import TaskPolicy
 from ..policy.self_test import FILE as TEST_FILE
 from ..policy.self_test import loop_test, task_test
@@ -83,11 +83,7 @@ def _unwritable(folder: str | Path, error: OSError) -> SwingupError:
 
 
 def export_folder(
-    policy: TaskPolicy | PendulumPolicy | FeedbackPolicy,
-    folder: str | Path,
-    form: str,
-    name: str = NAME,
-    username: str = "swingup",
+    policy: TaskPolicy | RobotPolicy, folder: str | Path, form: str, name: str = NAME, username: str = "swingup"
 ) -> Path:
     """Write a folder, whole or not at all, and say which file is the entry's.
 
@@ -154,7 +150,7 @@ def cloudpendulum_guard(period: float | None) -> GuardSettings:
     return dataclasses.replace(default_guard(period), velocity_limit=CELL_VELOCITY)
 
 
-def cloudpendulum_notes(policy: PendulumPolicy | FeedbackPolicy) -> list[str]:
+def cloudpendulum_notes(policy: RobotPolicy) -> list[str]:
     """What does not fit CloudPendulum's cells in a policy, as sentences."""
     return [
         f"it may command {limit:g} N m at the {joint}, and CloudPendulum's motors give {CELL_TORQUE:g}: use one "
@@ -191,7 +187,7 @@ def _filled(template: str, values: Mapping[str, str]) -> bytes:
     return re.sub(r"@([A-Z0-9_]+)@", lambda match: values[match[1]], text).encode()
 
 
-def _guard_values(policy: PendulumPolicy | FeedbackPolicy, username: str) -> dict[str, str]:
+def _guard_values(policy: RobotPolicy, username: str) -> dict[str, str]:
     """The guard's settings, for their owner to change, and whose entry it is."""
     guard = "False"
     if policy.guard is not None:
@@ -201,7 +197,7 @@ def _guard_values(policy: PendulumPolicy | FeedbackPolicy, username: str) -> dic
     return {"GUARD": guard, "GUARD_NOTE": note, "USERNAME": username}
 
 
-def _origin(policy: TaskPolicy | PendulumPolicy | FeedbackPolicy) -> str:
+def _origin(policy: TaskPolicy | RobotPolicy) -> str:
     command = policy.metadata.get("command")
     return f"- The policy file was made by `{command}`." if isinstance(command, str) else ""
 
@@ -217,7 +213,7 @@ def _task_values(policy: TaskPolicy) -> dict[str, str]:
     }
 
 
-def _pendulum_values(policy: PendulumPolicy | FeedbackPolicy) -> dict[str, str]:
+def _pendulum_values(policy: RobotPolicy) -> dict[str, str]:
     """What a folder's README and entry say of a pendulum's controller, for the gaps of a template."""
     robot, seen = policy.robot, _seen(policy)
     rate = f"one call every {policy.period:g} s" if policy.period else ANY_RATE
@@ -239,13 +235,13 @@ def _pendulum_values(policy: PendulumPolicy | FeedbackPolicy) -> dict[str, str]:
     return values | {"DESCRIPTION": made, "KIND": kind, "LAW": law, "METHOD": method}
 
 
-def _seen(policy: PendulumPolicy | FeedbackPolicy) -> str:
+def _seen(policy: RobotPolicy) -> str:
     base = " and the pendulum's base parameters" if policy.identifier else ""
     filtered = f"an estimate of the state by a Kalman filter, which also finds the loop's delay{base}"
     return f"It is shown {filtered if policy.estimator else 'the measured state'}."
 
 
-def _torque(policy: PendulumPolicy | FeedbackPolicy) -> str:
+def _torque(policy: RobotPolicy) -> str:
     maximum = f"at most {policy.torque_limit:g} N m"
     joint, passive = JOINTS[policy.robot.joint], JOINTS[1 - policy.robot.joint]
     if policy.identifier is None:

@@ -27,8 +27,9 @@ from jaxtyping import Bool, Float32, Shaped
 from .. import gym  # noqa: F401 (registers swingup's own ids)
 from ..common.checks import whole_number
 from ..common.errors import SwingupError, attribute, errors_named_after, one_line, quoted
+from ..common.files import working_folder_first
 from ..tasks.adapters import shape_of_observation
-from ..tasks.task import Spaces, space_actions
+from ..tasks.task import AbstractTask, Spaces, space_actions
 from .metrics import step_time
 
 MAKES_SENSE = (
@@ -320,10 +321,16 @@ def _makers(env: Any, stream: bool) -> Sequence[Callable[[], Any]] | Callable[[]
         window = {"render_mode": None} if spec.kwargs.get("render_mode") == "human" else {}
         return functools.partial(gymnasium.make, spec, **window)
     if isinstance(env, str):
-        return functools.partial(gymnasium.make, env)
+        return functools.partial(make_by_id, env)
     if callable(env):
         return env
     raise SwingupError(f"{type(env).__name__} {one_line(env, 200)} cannot be trained on: use {MAKES_SENSE}")
+
+
+def make_by_id(name: str, **options: Any) -> Any:
+    """``gymnasium.make``; the module of ``module:id`` may lie in the working folder."""
+    with working_folder_first():
+        return gymnasium.make(name, **options)
 
 
 def _refuse_end(name: str, terminated: bool) -> NoReturn:
@@ -340,7 +347,8 @@ def _refuse_end(name: str, terminated: bool) -> NoReturn:
 def _one(make: Callable[[], Any], stream: bool) -> gymnasium.Env[Any, Any]:
     made = make()
     if not isinstance(made, gymnasium.Env):
-        raise SwingupError(f"{one_line(make, 200)} made a {type(made).__name__}: it must make a gymnasium.Env")
+        remedy = "pass the task itself" if isinstance(made, AbstractTask) else "it must make a gymnasium.Env"
+        raise SwingupError(f"{one_line(make, 200)} made a {type(made).__name__}: {remedy}")
     return CheckedEnvironment(made, stream)
 
 

@@ -55,7 +55,7 @@ class EpisodeEvaluator(AbstractEvaluator):
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> Evaluation:
         """Means over the episodes."""
         if self._env is None:
-            raise SwingupError("there is one environment, which trains: pass evaluate another as env")
+            raise SwingupError("what was passed in trains: pass evaluate another environment as env")
         if episodes not in (None, self._episodes):
             # Users ask for another number once or twice; only the default number of environments is kept.
             with contextlib.closing(make_environments(self._env, episodes)) as environments:

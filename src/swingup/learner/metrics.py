@@ -76,6 +76,11 @@ class TrainingMetrics:
     means: "Metrics"  # Means over the iterations
     host: HostMetrics | None = None  # None where the task is compiled
 
+    @property
+    def ended(self) -> bool:
+        """Whether an episode ended, as far as is known."""
+        return self.host is None or self.host.episode_length is not None
+
     def as_dict(self) -> dict[str, float | None]:
         """Flat, as Python's numbers."""
         return self.means.as_dict() | ({} if self.host is None else vars(self.host))

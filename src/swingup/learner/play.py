@@ -17,7 +17,7 @@ from ..policy.pendulum import PendulumPolicy
 from ..policy.policy import Policy
 from ..tasks.task import space_actions
 from .backend import EPISODE_STEPS, EPISODES, check_actions
-from .environments import OWN_RESETS, SUCCESS
+from .environments import OWN_RESETS, SUCCESS, make_by_id
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def _made(env: Any, **options: Any) -> Any:
         yield env
         return
     with errors_named_after(f"making {one_line(env, 100)}", "use a Gymnasium id, an environment or what makes one"):
-        made = gymnasium.make(env, **options) if isinstance(env, str) else env()
+        made = make_by_id(env, **options) if isinstance(env, str) else env()
     try:
         yield made
     finally:

@@ -22,7 +22,7 @@ from ..tasks.acrobot_swingup import AcrobotSwingup, acrobot_practice
 from ..tasks.adapters import AbstractAdaptedTask, as_task
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.presets import get_task
-from ..tasks.task import AbstractTask
+from ..tasks.task import AbstractTask, check_task
 from .backend import EPISODES, AbstractBackend, check_actions, check_spaces
 from .compiled_backend import CompiledBackend, ReturnEvaluator, SwingUpEvaluator
 from .metrics import Evaluation
@@ -392,6 +392,8 @@ def _passed_in(name: str | None, env: Any, stream: bool = False) -> AbstractProb
             f"resets = 'never' is for Gymnasium's environments: {name} is compiled, and checkpoints hold its state"
         )
     if isinstance(adapted, AbstractTask):
+        if not isinstance(adapted, AbstractAdaptedTask):
+            check_task(adapted)
         # What dm_control's acrobot is learnt on is judged on the task itself.
         return TaskProblem(name, adapted, getattr(adapted, "judged", None))
     return HostProblem(name, adapted, stream)

@@ -148,12 +148,13 @@ class Run:
                 self.compile()
             mark, saved, self._fresh = time.perf_counter(), True, True
             while (before := self.progress.iterations) < target and not self._stopping:
+                begun = mark
                 metrics = self._train_chunk(self.settings.next_stop(before, target) - before)
+                mark = self._count_time(mark)  # before policies are saved with it
                 evaluations = self._evaluate_all()
-                mark, elapsed = (now := time.perf_counter()), now - mark
-                self.progress = replace(self.progress, seconds=self.progress.seconds + elapsed)
+                mark = self._count_time(mark)
                 frames = (self.progress.iterations - before) * self.settings.config.rollout_size
-                rate = frames * self.settings.seeds / elapsed
+                rate = frames * self.settings.seeds / (mark - begun)
                 report = self._report(rate, metrics, evaluations)
                 if writer is not None:
                     writer.write(row.as_dict() for row in report.rows)
@@ -167,6 +168,12 @@ class Run:
             if self._stopping and not saved:
                 self._save(self._evaluate_all(), writer)
             self._stopping = False
+
+    def _count_time(self, since: float) -> float:
+        """Add the time since then to the run's; the time now (s)."""
+        now = time.perf_counter()
+        self.progress = replace(self.progress, seconds=self.progress.seconds + now - since)
+        return now
 
     def close(self) -> None:
         """Free the environments."""

@@ -20,7 +20,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..common.arrays import load_arrays, save_arrays
+from ..common.arrays import load_arrays, read_format, save_arrays
 from ..common.errors import SwingupError, naming
 from ..common.settings import read_settings
 from ..plant.base_parameters import base_parameters
@@ -30,9 +30,10 @@ from . import regulator
 from .contract import LoopController, guarded
 from .estimator import EstimatorSettings
 from .guard import GuardChoice, GuardSettings
-from .numpy_backend import EstimatedSource, held, regulator_loop
-from .pendulum import PLANT, read_plant, write_plant
+from .numpy_backend import EstimatedSource, held, numpy_controller, regulator_loop
+from .pendulum import PLANT, PendulumPolicy, read_plant, write_plant
 from .regulator import RegulatorSettings
+from .shipped import load_pendulum_policy
 
 FILE = "feedback.safetensors"
 FORMAT, FORMAT_VERSION = "swingup feedback law", 1
@@ -171,9 +172,28 @@ def _error(x: np.ndarray, target: np.ndarray) -> np.ndarray:
     return error
 
 
-def feedback_controller(policy: FeedbackPolicy, guard: GuardChoice = None) -> LoopController[FeedbackSource]:
-    """A controller of a law; use one object for one pendulum, in one thread."""
-    return guarded(FeedbackSource(policy), policy, guard)
+RobotPolicy = PendulumPolicy | FeedbackPolicy
+
+
+def policy_controller(policy: RobotPolicy, guard: GuardChoice = None) -> LoopController[Any]:
+    """The controller of a network or of a feedback law; use one object for one pendulum, in one thread."""
+    if isinstance(policy, FeedbackPolicy):
+        return guarded(FeedbackSource(policy), policy, guard)
+    return numpy_controller(policy, guard=guard)
+
+
+def load_robot_policy(source: str | Path, robot: Robot | str | None = None) -> RobotPolicy:
+    """Read a pendulum's policy, as :func:`swingup.load_policy`, or the file of a feedback law.
+
+    Raises:
+        SwingupError: it is neither, or damaged, or for another robot.
+    """
+    if read_format(source) != FORMAT:
+        return load_pendulum_policy(source, robot)
+    found = read_feedback(source)
+    if robot is not None and found.robot != get_robot(robot):
+        raise SwingupError(f"feedback law {source} is for the {found.robot.name}, not the {get_robot(robot).name}")
+    return found
 
 
 def write_feedback(path: str | Path, policy: FeedbackPolicy) -> None:

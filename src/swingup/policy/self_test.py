@@ -20,10 +20,9 @@ from ..plant.plant import Robot, lump
 from ..plant.units import arm_scales
 from .contract import LoopController
 from .feedback import FILE as LAW_FILE
-from .feedback import FeedbackPolicy, feedback_controller, read_feedback
+from .feedback import RobotPolicy, policy_controller, read_feedback
 from .guard import GuardChoice
 from .network import NormaliseStage
-from .numpy_backend import numpy_controller
 from .pendulum import PendulumPolicy, read_pendulum_policy
 from .policy import NumpyNetwork, TaskPolicy, read_task_policy
 
@@ -93,14 +92,7 @@ def task_test(policy: TaskPolicy) -> SelfTest:
     return SelfTest(observations, policy.predict(observations)[0], share)
 
 
-def policy_controller(policy: PendulumPolicy | FeedbackPolicy, guard: GuardChoice = None) -> LoopController[Any]:
-    """The controller of a network or of a feedback law."""
-    if isinstance(policy, FeedbackPolicy):
-        return feedback_controller(policy, guard)
-    return numpy_controller(policy, guard=guard)
-
-
-def loop_test(policy: PendulumPolicy | FeedbackPolicy) -> SelfTest:
+def loop_test(policy: RobotPolicy) -> SelfTest:
     """A test of a pendulum's controller as it is, with its guard: two runs where it has a memory."""
     controller, units = policy_controller(policy), np.array(arm_scales(policy.plant).state)
     period, tolerance = policy.period or PERIOD, 2 * LOOP_SHARE * np.array(policy.torque_limits)
@@ -133,7 +125,7 @@ def load_tested_policy(folder: Path) -> TaskPolicy:
 
 def load_tested_controller(folder: Path, robot: Robot | str, guard: GuardChoice) -> LoopController[Any]:
     """The controller of an exported folder, which has passed the self-test without its guard; errors as above."""
-    policy: PendulumPolicy | FeedbackPolicy
+    policy: RobotPolicy
     if (law := folder / LAW_FILE).exists():
         policy = read_feedback(law)
     else:

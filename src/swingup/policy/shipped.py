@@ -90,6 +90,10 @@ def load_pendulum_policy(
 def _read(source: str | Path, robot: Robot | str | None) -> PendulumPolicy:
     if has_suffix(source, SUFFIX):
         return read_pendulum_policy(source, robot)
+    if Path(source).is_dir():
+        raise SwingupError(
+            f"{source} is a folder: name a policy file in it, such as {Path(source, 'best')}{SUFFIX}"
+        )
     name = one_of("policy", str(source), SHIPPED_POLICIES, f" or a policy file ({SUFFIX})")
     if robot is None:
         raise SwingupError(f"policy {name!r} is shipped for both robots: name acrobot or pendubot")

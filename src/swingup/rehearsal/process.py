@@ -32,17 +32,9 @@ class Folder:
 
     @property
     def policy(self) -> Path | None:
-        """The policy file; None where the folder is not ours, or has a feedback law."""
-        return self._file("policy.safetensors")
-
-    @property
-    def law(self) -> Path | None:
-        """The file of the feedback law; None without one."""
-        return self._file(LAW_FILE)
-
-    def _file(self, name: str) -> Path | None:
-        file = self.entry.parent / PACKAGE.format(name=self.entry.stem.partition("_")[2]) / name
-        return file if file.is_file() else None
+        """The file of the policy or of the feedback law; None where the folder is not ours."""
+        package = self.entry.parent / PACKAGE.format(name=self.entry.stem.partition("_")[2])
+        return next(filter(Path.is_file, (package / name for name in ("policy.safetensors", LAW_FILE))), None)
 
 
 def find_folder(path: str | Path) -> Folder:

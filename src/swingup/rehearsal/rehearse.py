@@ -23,9 +23,8 @@ from ..loop.domain import Domain
 from ..loop.resolve import NO_LOOP
 from ..loop.supervisors import Limits
 from ..plant.plant import PlantLike, Robot, get_robot
-from ..policy.feedback import read_feedback
-from ..policy.pendulum import plant_difference
-from ..policy.shipped import load_pendulum_policy
+from ..policy.feedback import load_robot_policy
+from ..policy.pendulum import PendulumPolicy, plant_difference
 from .process import CALLING_TIME, Folder, FolderController, FolderProcess, Timing, find_folder
 
 
@@ -173,14 +172,8 @@ def _robot(given: Robot | str | None, said: Any, folder: Folder) -> Robot:
 
 def _difference(folder: Folder, setting: Setting) -> str | None:
     """How the middle of the domain's plants differs from the policy's plant."""
-    if setting.domain is None:
+    if setting.domain is None or folder.policy is None:
         return None
-    seen = None
-    if folder.law is not None:
-        made_for = read_feedback(folder.law).plant
-    elif folder.policy is not None:
-        policy = load_pendulum_policy(folder.policy)
-        made_for, seen = policy.plant, policy.network.plant_stage if policy.identifier else None
-    else:
-        return None
-    return plant_difference(made_for, setting.domain.nominal_plant, setting.robot, seen)
+    policy = load_robot_policy(folder.policy)
+    seen = policy.network.plant_stage if isinstance(policy, PendulumPolicy) and policy.identifier else None
+    return plant_difference(policy.plant, setting.domain.nominal_plant, setting.robot, seen)

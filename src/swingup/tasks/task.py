@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..common.errors import SwingupError, attribute, one_line
+from ..common.errors import SwingupError, attribute, errors_named_after, one_line
 from ..common.types import Action, Flag, Key, Observation, Scalar
 from ..policy.network import STAGES
 from ..policy.network import MagnifyStage as MagnifyStage
@@ -25,6 +25,7 @@ from ..policy.network import Stage as Stage
 from ..policy.spaces import Space, box, discrete
 
 StateT = TypeVar("StateT")
+STEP_ENTRIES = ("observation", "reward", "terminated", "truncated")
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,26 @@ class AbstractTask(eqx.Module, Generic[StateT]):
     @abc.abstractmethod
     def step(self, state: StateT, action: Action, key: Key) -> Step[StateT]:
         """Advance by one action, each entry in [-1, 1] or one of its choices."""
+
+
+def check_task(task: AbstractTask[Any]) -> None:
+    """Trace a reset and a step of a task without running them.
+
+    Raises:
+        SwingupError: JAX cannot trace them, or what they give has other shapes than the task says.
+    """
+    name, key = type(task).__name__, jax.random.key(0)
+    action = jnp.zeros(task.action_size, int if task.choices else float)
+    with errors_named_after(f"tracing reset, observe and step of {name}", "write them for jax.jit"):
+        state = jax.eval_shape(task.reset, key)
+        seen, step = jax.eval_shape(task.observe, state), jax.eval_shape(task.step, state, action, key)
+        given = {"observe()": seen, **{f"{each} of step()": getattr(step, each) for each in STEP_ENTRIES}}
+    for what, value in given.items():
+        wanted = (task.observation_size,) if what.startswith("observ") else ()
+        if (shape := jnp.shape(value)) != wanted:
+            raise SwingupError(f"{what} of {name} has shape {shape}: the task needs {wanted}")
+    if jax.tree.map(jnp.shape, step.state) != jax.tree.map(jnp.shape, state):
+        raise SwingupError(f"step() of {name} changes the shapes of the state: keep those of reset()")
 
 
 def strongly_typed(leaf: Any) -> jax.Array:
