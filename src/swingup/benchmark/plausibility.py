@@ -148,10 +148,10 @@ def _limits(
         yield Finding("torque_limit", f"its torque reaches {driven:.4g} N m, above the limit of {limit:g} N m")
     allowed = _MAX_COMPENSATION if scored else limit
     if passive > allowed:
-        refuses = scored and passive > _PASSIVE_SHARE * limit
+        refuses = scored and bool(passive > _PASSIVE_SHARE * limit)
         most = f"{allowed:g} N m of the rules' friction compensation" if scored else f"{allowed:g} N m of its motor"
         text = f"the passive joint {2 - robot.joint} has up to {passive:.4g} N m, above the {most}"
-        yield Finding("passive_torque", text + ": is it the other robot's run?" * refuses, refuses)
+        yield Finding("passive_torque", text + ("; is it the other robot's run?" if refuses else ""), refuses)
 
 
 def _velocities(period: np.ndarray, x: Float[np.ndarray, "rows 4"], scale: float) -> Iterator[Finding]:
