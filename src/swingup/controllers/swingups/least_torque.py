@@ -1,12 +1,16 @@
-"""The least torque limit with which a pendulum swings up in a given time, by feedback laws and iterative LQR.
+"""The least torque limit with which a pendulum swings up in a given time: evolution of torques that switch.
 
-Saturated linear feedback with random gains pumps a pendulum up. A cross-entropy search finds gains whose motions
-come near upright. Their torques are first guesses for iterative LQR, and so is each success for a smaller limit;
-where that fails, the step is halved. A limit counts where the motion ends near upright. There may be motions with
-less torque: the result is an upper bound. The pendulum is the similar one in C.1's units with a limit of 6 N m
-throughout: the torque's unit falls, and one compiled program serves all limits.
+At the least limit a torque is always at one limit or the other: a motion is the times between its switches. On each
+of several islands the best few motions survive, and the others are mutants of them, until one comes near upright.
+Half of the islands begin with what came up at a larger limit, the others with saturated linear feedback. It pumps a
+pendulum up with gains that a cross-entropy search finds. Where no island succeeds, the step to the smaller limit
+is halved. There may be motions with less torque: the result is an upper bound.
+
+The pendulum is the similar one in C.1's units with a limit of 6 N m throughout: the torque's unit falls, and one
+compiled program serves all limits.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -15,46 +19,37 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...dynamics.dynamics import UPRIGHT, upright_error
+from ...common.types import Flag, Key, Scalar, State
+from ...dynamics.dynamics import UPRIGHT
 from ...plant.equations import COULOMB_STEEPNESS
 from ...plant.plant import TORQUE_LIMIT, Plant, Robot
 from ...plant.units import PLANT_UNITS, scales_of, similar_plant
-from .design import TrackingWeights, design_model, solve_from_rest
-from .ilqr import ILQRSettings
+from .design import design_model
 from .transition import PendulumTransition, unpack
 
 STEP = 0.02  # Length of a step in C.1's units (s)
 DOWNWARDS, LAST_STEP, UPWARDS = 0.6, 0.95, 1.6  # Factors of the limit: the first one down, the last one, and up
 STRONGEST = 20.0  # No limit above this multiple of the motor's is tried
-NEAR = (0.1, 0.1, 1.0, 1.0)  # Largest errors at the end, in C.1's units (rad, rad/s)
-DISTANCE = (1.0, 1.0, 0.05, 0.05)  # Weights of a squared distance from upright
+DISTANCE = (1.0, 1.0, 0.05, 0.05)  # Weights of a squared distance from upright, in C.1's units
+NEAR = 0.02  # Squared distance that counts as upright: 0.1 rad in both joints
 KICK = 10  # Steps of a law's first torque, without which it would hang for ever
 LAW = (6.0, 6.0, 1.2, 1.2, 6.0)  # Sizes of gains (N m/rad, N m s/rad) and of the first torque (N m)
-_WEIGHTS = TrackingWeights(state=(0.0, 0.0, 1e-3, 1e-3), torque=0.01, final=(100.0, 100.0, 10.0, 10.0))
-_SETTINGS = ILQRSettings(
-    max_iterations=300,
-    tolerance=1e-4,
-    regularisation=1e-2,
-    min_regularisation=1e-8,
-    max_regularisation=1e8,
-    torque_limit=TORQUE_LIMIT,
-    decrease=0.5,
-    increase=3.0,
-    step_sizes=(1.0, 0.3, 0.1, 0.03),
-)
+PIECES, LAST_PIECES = 24, 20.0  # Times between switches; length of those that a law lacks (steps)
+LEAST_CHANGE, LARGEST_CHANGE = np.log(0.003), np.log(0.3)  # Of the relative spread of mutants
 
 
 class Effort(NamedTuple):
-    """How long the search is."""
+    """How long the search is at a limit."""
 
-    starts: int = 16  # Motions that are optimised at a limit
-    tries: int = 2  # At each limit
-    generations: int = 5  # Of laws before each try
-    laws: int = 2048  # In a generation
-    kept: int = 64  # Laws from which the next generation is drawn
+    generations: int = 40  # Of motions
+    islands: int = 16
+    members: int = 128  # Of an island
+    survivors: int = 4
+    laws: int = 2048  # In a generation of laws, of which five make one search
 
 
 EFFORT = Effort()
+LAW_GENERATIONS, KEPT_LAWS = 5, 64
 
 
 def least_torque(plant: Plant, robot: Robot, within: float, effort: Effort = EFFORT) -> float | None:
@@ -81,27 +76,20 @@ class _Search:
     def __init__(self, similar: Plant, joint: int, steps: int, dt: float, effort: Effort) -> None:
         self.similar, self.joint, self.steps, self.dt, self.effort = similar, joint, steps, dt, effort
         self.random = np.random.default_rng(0)
-        self.elite = np.zeros((0, len(LAW)))
+        self.laws = np.zeros((0, len(LAW)))
 
     def least_level(self) -> float | None:
         """The least limit with which a motion came up; None where none did."""
-        level, count = 1.0, self.effort.starts // 2
-        while not len(best := self.came_up(level, self.pumped(level)[: self.effort.starts])):
+        level, factor = 1.0, DOWNWARDS
+        while (found := self.came_up(level, np.zeros((0, PIECES)))) is None:
             level *= UPWARDS
             if level > STRONGEST:
                 return None
-        factor = DOWNWARDS
         while factor < LAST_STEP:
-            for _ in range(self.effort.tries):
-                # Some go on as they were, with stronger or weaker swings.
-                known = np.resize(best, (count, self.steps)) / factor
-                known[len(best) :] *= self.random.uniform(0.9, 1.1, (max(0, count - len(best)), 1))
-                fresh = self.pumped(level * factor)[:count]
-                if len(found := self.came_up(level * factor, np.concatenate([known, fresh]))):
-                    level, best = level * factor, found
-                    break
-            else:
+            if (lower := self.came_up(level * factor, found)) is None:
                 factor = factor**0.5
+            else:
+                level, found = level * factor, lower
         return level
 
     def plant(self, level: float) -> Plant:
@@ -110,59 +98,114 @@ class _Search:
         changes |= dict.fromkeys(("tl1", "tl2"), TORQUE_LIMIT)
         return jax.tree.map(jnp.asarray, self.similar.changed(**changes))
 
-    def pumped(self, level: float) -> Float[np.ndarray, "kept steps"]:
-        """Torques of the laws that come nearest to upright at a limit, after some generations."""
-        laws, half, plant = self.effort.laws, self.effort.laws // 2, self.plant(level)
-        for _ in range(self.effort.generations):
-            size = 10 ** self.random.uniform(-0.7, 0.7, (laws, 1))
-            kick = self.random.choice([-1, 1], laws) * self.random.uniform(0.1, 1.0, laws)
-            drawn = np.column_stack([size * self.random.normal(size=(laws, 4)), kick]) * LAW
-            if len(self.elite):
-                near = np.resize(self.elite, (half, len(LAW))) * self.random.normal(1.0, 0.2, (half, len(LAW)))
-                drawn = np.concatenate([self.elite, near, drawn])[:laws]
-            distances, torques = _pump(plant, self.joint, self.dt, jnp.asarray(drawn), self.steps)
-            best = np.asarray(distances).argsort()[: self.effort.kept]
-            self.elite = drawn[best]
-        return np.asarray(torques)[best]
+    def came_up(
+        self, level: float, known: Float[np.ndarray, "known pieces"]
+    ) -> Float[np.ndarray, "n pieces"] | None:
+        """The motions of each island's best at a limit, the best island first; None where none comes up."""
+        effort, plant = self.effort, self.plant(level)
+        fresh = self.pumped(plant)
+        half = effort.islands // 2 if len(known) else 0
+        first = np.concatenate([known[:half], fresh])[: effort.islands]
+        start = np.repeat(np.resize(first, (effort.islands, 1, PIECES)), effort.members, axis=1)
+        key = jax.random.key(int(self.random.integers(2**31)))
+        distances, best = _evolve(plant, self.joint, self.dt, jnp.asarray(start), key, self.steps, effort)
+        order = np.asarray(distances).argsort()
+        return np.asarray(best)[order] if distances[order[0]] < NEAR else None
 
-    def came_up(self, level: float, torques: Float[np.ndarray, "starts steps"]) -> Float[np.ndarray, "found steps"]:
-        """Optimised torques at a limit, those that end near upright."""
-        guesses = jnp.asarray(torques.clip(-TORQUE_LIMIT, TORQUE_LIMIT))
-        ends, kept = map(np.asarray, _solve(self.plant(level), self.joint, self.dt, guesses))
-        rows: np.ndarray = kept[(np.abs(upright_error(ends)) < NEAR).all(axis=1)]
-        return rows
+    def pumped(self, plant: Plant) -> Float[np.ndarray, "laws pieces"]:
+        """The switches of the laws that come nearest to upright, after some generations."""
+        number, half = self.effort.laws, self.effort.laws // 2
+        for _ in range(LAW_GENERATIONS):
+            size = 10 ** self.random.uniform(-0.7, 0.7, (number, 1))
+            kick = self.random.choice([-1, 1], number) * self.random.uniform(0.1, 1.0, number)
+            drawn = np.column_stack([size * self.random.normal(size=(number, 4)), kick]) * LAW
+            if len(self.laws):
+                near = np.resize(self.laws, (half, len(LAW))) * self.random.normal(1.0, 0.2, (half, len(LAW)))
+                drawn = np.concatenate([self.laws, near, drawn])[:number]
+            distances, torques = _pump(plant, self.joint, self.dt, jnp.asarray(drawn), self.steps)
+            best = np.asarray(distances).argsort()[:KEPT_LAWS]
+            self.laws = drawn[best]
+        return np.stack([switches(row) for row in np.asarray(torques)[best]])
+
+
+def switches(torques: Float[np.ndarray, "steps"]) -> Float[np.ndarray, "pieces"]:
+    """Steps between the changes of a torque's sign. The first sign is lost: the mirrored motion is as good."""
+    signs = np.sign(torques[torques != 0.0])
+    ends = np.append(np.flatnonzero(np.diff(signs)) + 1, len(signs))
+    lengths = np.diff(ends, prepend=0).astype(np.float64)[:PIECES]
+    return np.append(lengths, np.full(PIECES - len(lengths), LAST_PIECES))
+
+
+def _distance(
+    transition: PendulumTransition, torque_of: Callable[[State, Scalar], Scalar], rows: Float[Array, "steps"]
+) -> tuple[Scalar, Float[Array, "steps"]]:
+    """The least distance from upright of a motion from rest, and its torques."""
+
+    def step(carry: tuple[State, Scalar], row: Scalar) -> tuple[tuple[State, Scalar], Scalar]:
+        x, least = carry
+        torque = torque_of(x, row)
+        x = jnp.stack(transition.step(unpack(x), torque))
+        # The mirrored motion comes up on the other side.
+        distances = jnp.stack([x - UPRIGHT, x + UPRIGHT]) ** 2 @ jnp.array(DISTANCE)
+        return (x, jnp.minimum(least, distances.min())), torque
+
+    (_, least), torques = jax.lax.scan(step, (jnp.zeros(4), jnp.array(jnp.inf)), rows)
+    return least, torques
 
 
 @eqx.filter_jit
 def _pump(
     plant: Plant, joint: int, dt: float, laws: Float[Array, "laws 5"], steps: int
 ) -> tuple[Float[Array, "laws"], Float[Array, "laws steps"]]:
-    """The motion of each law: its least distance from upright, and the torques until there, after rest."""
-    transition, time = PendulumTransition(plant, joint, dt, exact=False), jnp.arange(steps)
+    """The least distance from upright of each law's motion, and its torques."""
+    transition = PendulumTransition(plant, joint, dt, exact=False)
 
-    def motion(law: Float[Array, "5"]) -> tuple[Array, Array]:
-        def step(x: Float[Array, "4"], row: Array) -> tuple[Array, tuple[Array, Array]]:
-            torque = jnp.clip(x @ law[:4] + law[4] * (row < KICK), -TORQUE_LIMIT, TORQUE_LIMIT)
-            x = jnp.stack(transition.step(unpack(x), torque))
-            return x, (x, torque)
+    def motion(law: Float[Array, "5"]) -> tuple[Scalar, Float[Array, "steps"]]:
+        def torque_of(x: State, row: Scalar) -> Scalar:
+            return jnp.clip(x @ law[:4] + law[4] * (row < KICK), -TORQUE_LIMIT, TORQUE_LIMIT)
 
-        x, torques = jax.lax.scan(step, jnp.zeros(4), time)[1]
-        # The mirrored motion comes up on the other side.
-        errors = jnp.stack([x - UPRIGHT, x + UPRIGHT]) ** 2 @ jnp.array(DISTANCE)
-        side, end = jnp.unravel_index(errors.argmin(), errors.shape)
-        late = time - (steps - 1 - end)
-        return errors.min(), (1 - 2 * side) * jnp.where(late < 0, 0.0, torques[jnp.maximum(late, 0)])
+        return _distance(transition, torque_of, jnp.arange(steps))
 
     return jax.vmap(motion)(laws)
 
 
 @eqx.filter_jit
-def _solve(
-    plant: Plant, joint: int, dt: float, torques: Float[Array, "starts steps"]
-) -> tuple[Float[Array, "starts 4"], Float[Array, "starts steps"]]:
-    """Last states and torques of the motions that iterative LQR makes of guesses."""
-    steps = torques.shape[1]
+def _evolve(
+    plant: Plant,
+    joint: int,
+    dt: float,
+    members: Float[Array, "islands members pieces"],
+    key: Key,
+    steps: int,
+    effort: Effort,
+) -> tuple[Float[Array, "islands"], Float[Array, "islands pieces"]]:
+    """Each island's best motion with its distance, once one comes up or after all generations."""
     transition = PendulumTransition(plant, joint, dt, exact=False)
-    cost: Any = _WEIGHTS.cost(jnp.tile(UPRIGHT, (steps, 1)), jnp.zeros(steps), jnp.asarray(UPRIGHT))
-    found = jax.vmap(lambda torque: solve_from_rest(transition, cost, torque, _SETTINGS))(torques)
-    return found.states[:, -1], found.torque
+    shape = islands, number, pieces = members.shape
+    signs, edges = TORQUE_LIMIT * jnp.array([1.0, -1.0] * (pieces // 2)), jnp.arange(steps + 1.0)
+
+    def distance(lengths: Float[Array, "pieces"]) -> Scalar:
+        ends, sums = (jnp.cumsum(jnp.append(0.0, each)) for each in (lengths, signs * lengths))
+        # A step in which the torque changes has its mean.
+        return _distance(transition, lambda _, torque: torque, jnp.diff(jnp.interp(edges, ends, sums)))[0]
+
+    def goes_on(carry: tuple[Any, ...]) -> Flag:
+        generation, _, _, distances = carry
+        return (generation < effort.generations) & jnp.all(distances >= NEAR)
+
+    def advance(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        generation, key, members, _ = carry
+        key, parent, some, size, change = jax.random.split(key, 5)
+        found = jax.vmap(jax.vmap(distance))(members)
+        order = jnp.argsort(found, axis=1)[:, : effort.survivors]
+        best = jnp.take_along_axis(members, order[..., None], axis=1)
+        parents = jax.random.randint(parent, shape[:2], 0, effort.survivors)
+        sizes = jnp.exp(jax.random.uniform(size, (islands, number, 1), minval=LEAST_CHANGE, maxval=LARGEST_CHANGE))
+        share, chance = jnp.split(jax.random.uniform(some, (islands, number, pieces + 1)), [1], axis=2)
+        changes = jnp.where(chance < share, sizes * jax.random.normal(change, shape), 0.0)
+        mutants = jnp.take_along_axis(best, parents[..., None], axis=1) * jnp.exp(changes)
+        return generation + 1, key, mutants.at[:, : effort.survivors].set(best), found.min(axis=1)
+
+    start = (jnp.array(0), key, members, jnp.full(islands, jnp.inf))
+    _, _, members, distances = jax.lax.while_loop(goes_on, advance, start)
+    return distances, members[:, 0]
