@@ -38,7 +38,7 @@ def load_checkpoint(path: str | Path, like: Tree) -> tuple[Tree, dict[str, Any]]
         if (array.shape, array.dtype) != (expected.shape, expected.dtype):
             raise SwingupError(
                 f"checkpoint {path} holds {name} as {array.dtype}{list(array.shape)} where the configuration "
-                f"needs {expected.dtype}{list(expected.shape)}: it is of another configuration"
+                f"needs {expected.dtype}{list(expected.shape)}: it is of another task or configuration"
             )
 
     def restored(place: Any, leaf: Any) -> jax.Array:

@@ -245,7 +245,8 @@ def _check_field(field: Any, value: Any) -> None:
     # To Python a truth value is an integer, too.
     fits = all(isinstance(each, KINDS[kind]) and (kind is bool or not isinstance(each, bool)) for each in entries)
     if isinstance(value, tuple) != several or not complete or not fits:
-        raise SwingupError(f"{name} = {quoted(value)}: use {kind_of(name)}")
+        hint = '; schedule="anneal" lets it fall' if name == "learning_rate" and callable(value) else ""
+        raise SwingupError(f"{name} = {quoted(value)}: use {kind_of(name)}{hint}")
     for each in entries:
         if kind is int:
             whole_number(name, each, *field.metadata["range"])

@@ -132,7 +132,9 @@ def evaluate_command(
     boards, results = _boards(board, criteria, grid), []
     if save is not None:
         if len(boards) > 1 or not boards[0].keeps_rows:
-            raise SwingupError(f"--save writes a trajectory: {', '.join(board)} have none or several")
+            raise SwingupError(
+                f"--save writes one trajectory, which {' '.join(board)} lacks: add --board performance"
+            )
         check_writable(save)  # before the judging, which may take minutes
     for each in boards:
         design = make_setting(robot, each, **loop).plant

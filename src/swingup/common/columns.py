@@ -139,7 +139,7 @@ _KINDS = {
     "time": r"time|zeit|stamp|^t$|^t[_ ]|^ts$|^sec|^n(ano)?sec",
     "dq": r"vel|omega|speed|dot|geschw|drehzahl|rpm|^d(q|th|phi)|^qd|^w_?\d?$|rate",
     "u": r"tau|torque|moment|effort|current|strom|^u|^[im]_?\d|^iq|cmd|amp|duty|pwm",
-    "q": r"pos|ang|theta|phi|winkel|^q|^th|enc|gelenk|joint",
+    "q": r"pos|ang|theta|phi|winkel|^q|^th|enc|gelenk|joint|^(shoulder|elbow|schulter|ell(en)?bogen)$",
 }
 """Words in the titles that people give, tried in order."""
 _WANTED = re.compile(r"des|ref|goal|soll|target|filt|motor_?side")

@@ -33,7 +33,7 @@ from .columns import (
     suggest_columns,
     unit_size,
 )
-from .errors import SwingupError, quoted
+from .errors import SwingupError, one_line, quoted
 from .expressions import Expression
 from .files import read_bytes, write_atomically
 
@@ -252,7 +252,7 @@ def _choose(
         if words
         else "map columns with --columns NAME=TITLE, or q1=x#3 of a matrix x, and rows without a time as time=0.02"
     )
-    have = quoted(", ".join(filter(None, titles)), 200)
+    have = one_line(", ".join(filter(None, titles)), 200)
     raise SwingupError(f"{path} lacks {', '.join(missing)}: {remedy}; it has {have}{cells.unread}")
 
 

@@ -207,7 +207,10 @@ def mass_notes(problem: Problem, model: Float[np.ndarray, "15"], recording: Reco
     if not far:
         return []
     factors = ", ".join(f"{name} {ratio:.2g} times" for name, ratio in far.items())
-    return [f"far from the starting plant's: {factors}; check units and conventions, or give another --start"]
+    return [
+        f"far from the starting plant's: {factors}; check units, conventions and the length of link 1, which "
+        "counts as known: --start gives another, of a file that swingup plant --set l1=... writes"
+    ]
 
 
 def bound_notes(unknowns: Unknowns, z: Float[np.ndarray, "unknowns"]) -> list[str]:
