@@ -2,7 +2,7 @@
 
 At the least limit a torque is always at one limit or the other: a motion is the times between its switches. On each
 of several islands the best few motions survive, and the others are mutants of them, until one comes near upright.
-Half of the islands begin with what came up at a larger limit, the others with saturated linear feedback. It pumps a
+Half of the islands begin with the best of a larger limit, the others with saturated linear feedback. It pumps a
 pendulum up with gains that a cross-entropy search finds. Where no island succeeds, the step to the smaller limit
 is halved. There may be motions with less torque: the result is an upper bound.
 
@@ -60,7 +60,7 @@ def least_torque(plant: Plant, robot: Robot, within: float, effort: Effort = EFF
     model = design_model(plant, robot)
     scales = scales_of(model)
     duration = within / scales.time
-    steps = max(100, min(600, round(duration / STEP)))
+    steps = max(100, round(duration / STEP))
     search = _Search(similar_plant(model, scales), robot.joint, steps, duration / steps, effort)
     with jax.enable_x64(True):
         level = search.least_level()
@@ -104,8 +104,7 @@ class _Search:
         """The motions of each island's best at a limit, the best island first; None where none comes up."""
         effort, plant = self.effort, self.plant(level)
         fresh = self.pumped(plant)
-        half = effort.islands // 2 if len(known) else 0
-        first = np.concatenate([known[:half], fresh])[: effort.islands]
+        first = np.concatenate([known[: effort.islands // 2], fresh])[: effort.islands]
         start = np.repeat(np.resize(first, (effort.islands, 1, PIECES)), effort.members, axis=1)
         key = jax.random.key(int(self.random.integers(2**31)))
         distances, best = _evolve(plant, self.joint, self.dt, jnp.asarray(start), key, self.steps, effort)
@@ -150,7 +149,8 @@ def _distance(
         return (x, jnp.minimum(least, distances.min())), torque
 
     (_, least), torques = jax.lax.scan(step, (jnp.zeros(4), jnp.array(jnp.inf)), rows)
-    return least, torques
+    # A motion that diverges must not end the search: NaN is no least.
+    return jnp.where(jnp.isfinite(least), least, jnp.inf), torques
 
 
 @eqx.filter_jit
