@@ -83,3 +83,10 @@ def test_a_feedback_law_is_diagnosed_as_a_policy_is(tmp_path, monkeypatch):
     assert main(["diagnose", "run.csv", "--policy", "entry", "--quick", "--json"]) == 0
     assert diagnose("run.csv", find_folder("entry").policy, simulate=False).own
     assert main(["diagnose", "run.csv", "--policy", "lqr", "--robot", "acrobot"]) == 2
+    # Such a law is for any rate: a run at 250 Hz that falls has other causes.
+    rows.clear()
+    run_one(PythonController(act), Scenario(plant, substeps=4, start=start + 0.6), 0.004, 500)
+    np.savetxt("fall.csv", rows[-500:], delimiter=",", header=head, comments="")
+    fallen = diagnose("fall.csv", find_folder("entry").policy, simulate=False)
+    assert fallen.failure is not None
+    assert "rate" not in [each.name for each in fallen.causes]

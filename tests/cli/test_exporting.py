@@ -2,6 +2,7 @@
 
 import dataclasses
 import runpy
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from swingup.controllers.baselines.baselines import Design, shipped_reference
 from swingup.controllers.stack.policy import save_controller
 from swingup.controllers.swingups.reference import load_reference
 from swingup.policy.file import write_network
+from swingup.rehearsal.process import find_folder
 
 
 @pytest.mark.parametrize(
@@ -24,6 +26,15 @@ def test_what_is_no_policy_is_named(source, message, tmp_path, capsys):
     (tmp_path / "folder").mkdir()
     assert main(["export", source, "--robot", "acrobot", "--to", "c", "--out", "policy.h"]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_a_folder_does_not_hide_a_shipped_policy_and_a_law_is_exported_again(run):
+    Path("adaptive").mkdir()
+    run("export adaptive --robot acrobot --to c --out adaptive.h")
+    run("export lqr --robot acrobot --plant C.1 --to realaigym --out entry --name held")
+    law = str(find_folder("entry").policy)
+    run("export", law, "--to", "c", "--out", "law.h")
+    assert "swingup_control" in Path("law.h").read_text()
 
 
 def test_a_policy_file_and_the_entrys_names(run, tmp_path):

@@ -5,6 +5,7 @@ import json
 import os
 import re
 import signal
+import sys
 import threading
 import time
 from pathlib import Path
@@ -63,8 +64,9 @@ gymnasium.register("Endless-v0", Endless)
 """
 
 
-def test_a_task_of_the_working_folder_that_never_ends(run, capsys):
+def test_a_task_of_the_working_folder_that_never_ends(run, capsys, monkeypatch, tmp_path):
     """Its module is found there; time counts before policies are saved, and a default for episodes is told."""
+    monkeypatch.setattr(sys, "path", [each for each in sys.path if each not in ("", str(tmp_path))])
     Path("endless_task.py").write_text(ENDLESS)
     assert main(f"train --env endless_task:Endless-v0 --frames 128 --out r {TINY}".split()) == 0
     assert (

@@ -389,6 +389,13 @@ class Branching(Lever):
         return super().step(state if state < 5.0 else 0.0 * state, action, key)
 
 
+class Numbered(Lever):
+    """Ends by a number, not by a truth value."""
+
+    def step(self, state, action, key):
+        return dataclasses.replace(super().step(state, action, key), terminated=jnp.zeros(()))
+
+
 class Growing(Lever):
     """Its state becomes a vector."""
 
@@ -401,10 +408,11 @@ class Growing(Lever):
     [
         (TooLong(), "observe() of TooLong has shape (2,): the task needs (1,)"),
         (Branching(), "tracing reset, observe and step of Branching raised TracerBoolConversionError"),
-        (Growing(), "step() of Growing changes the shapes of the state"),
+        (Growing(), "step() of Growing changes shapes or types of the state"),
+        (Numbered(), "terminated of step() of Numbered is float32: give a truth value"),
         (Lever, "pass the task itself"),
     ],
-    ids=["observation", "branch", "state", "class"],
+    ids=["observation", "branch", "state", "type", "class"],
 )
 def test_a_task_in_jax_that_cannot_be_learnt_is_told_before(task, message):
     assert message in refusal(AREAPO, task, "continuing", **TINY)

@@ -124,13 +124,14 @@ def scale_rewards(state: LearnerState, rollout: Rollout, config: Config) -> tupl
     """Divide a rollout's rewards by the unit σ of all rewards so far; without gains, less their mean m.
 
     Without gains discounted values would have to reach m / (1 - γ) (reward centring, arXiv 2405.09999). ρ and v
-    change with σ and m, so that they stay what they were in the task's units. ρ_H and v_H are in units of σ, as
-    the temperature is. Beside centred values an end of the task has the value -m / (1 - γ), which counts in σ:
-    in units of a reward's deviation it was a hundred times larger, and its loss ruled the gradients' joint norm.
+    change with σ and m, so that they stay what they were in the task's units; v does so once rewards have differed.
+    ρ_H and v_H are in units of σ, as the temperature is. Beside centred values an end of the task has the value
+    -m / (1 - γ), which counts in σ: in units of a reward's deviation it was a hundred times larger, and its loss
+    ruled the gradients' joint norm.
     """
     if not config.normalise_rewards:
         return state, rollout
-    old, sum_statistics, former = state.reward_statistics, state.sum_statistics, reward_unit(state)
+    old, old_sums, former = state.reward_statistics, state.sum_statistics, reward_unit(state)
     new = old.update_all(rollout.rewards, rollout.counted)
     if without_gain := config.gain == "none":
         forever = 1.0 / (1.0 - jnp.asarray(config.discount[0]))
@@ -141,16 +142,14 @@ def scale_rewards(state: LearnerState, rollout: Rollout, config: Config) -> tupl
             lost = rollout.terminated & ~(reached_goals(rollout)[0] & (new.mean > 0.0))
             rewards = rewards - lost * (forever - 1.0) * new.mean  # γ / (1 - γ) = 1 / (1 - γ) - 1
         rollout = replace(rollout, rewards=rewards)
-    sums = state.sum_statistics.update_all(decayed_sums(rollout, config), rollout.counted)
+    sums = old_sums.update_all(decayed_sums(rollout, config), rollout.counted)
     state = replace(state, reward_statistics=new, sum_statistics=sums)
     unit, known = reward_unit(state), old.count > 0
-    ratio = jnp.where(known, former / unit, 1.0)
-    shift = (
-        jnp.where(known, forever * (new.difference - old.difference) / unit, 0.0) if without_gain else jnp.zeros(())
-    )
-    # Before rewards vary a critic has learnt nothing: its values are in units of σ, whatever that will be.
-    taught = varies(old) | (sum_statistics.variance > 0.0)
+    ratio, difference = jnp.where(known, former / unit, 1.0), jnp.where(known, new.difference - old.difference, 0.0)
+    # Before rewards vary a critic's values are noise, in units of σ, whatever that will be.
+    taught = varies(old) | (old_sums.variance > 0.0)
     factors = jnp.stack([jnp.where(taught, ratio, 1.0), jnp.ones(())])
+    shift = forever * difference / unit if without_gain else jnp.zeros(())
     critic = state.critic.with_values(factors, jnp.stack([shift, jnp.zeros(())]))
     state = replace(state, critic=critic, gains=state.gains * jnp.stack([ratio, jnp.ones(())]))
     return state, replace(rollout, rewards=rollout.rewards / unit)

@@ -13,8 +13,8 @@ from ..tasks.task import NormaliseStage
 MIN_RELATIVE_DEVIATION = 1e-5
 """Rewards of a rollout that vary by less than this share of their mean count as constant: so large is the mean's
 rounding in single precision."""
-SPACING = 2.0**-23
-"""That of single precision: a running deviation below this share of the mean is the rewards' own rounding."""
+ROUNDING = 2.0**-21
+"""Four spacings of single precision. A running deviation below this share of the mean is the rewards' rounding."""
 Weights = Float[Array, "*frames"] | None
 """1 for a frame that counts, 0 for one that does not; None where all do."""
 
@@ -100,7 +100,7 @@ def running_statistics(*shape: int) -> RunningStatistics:
 
 def varies(statistics: RunningStatistics) -> Flag:
     """Whether rewards so far differ by more than their rounding."""
-    return statistics.variance > (SPACING * statistics.mean) ** 2
+    return statistics.variance > (ROUNDING * statistics.mean) ** 2
 
 
 def deviation(statistics: RunningStatistics) -> Scalar:

@@ -170,7 +170,8 @@ def diagnose(
     facts = replace(facts, low=low, high=high)
     guard = choose_guard(True, found.guard, found.period, found.plant)
     assert guard is not None
-    expected = _expected(facts, recording.period - guard.dt)
+    slower = 0.0 if found.period is None else recording.period - guard.dt
+    expected = _expected(facts, slower)
     explanations = explain(recording, integration_of(facts.nominal_plant), expected)
     run, best, name = LoggedRun(recording, driven, found, guard, facts, expected), explanations[0], str(policy)
     # Where the wiring or a zero is wrong, what was measured is not how the run went.
@@ -251,7 +252,8 @@ def _play(recording: Recording) -> list[Cause]:
 def _other_rate(run: LoggedRun, tip: TipHistory, simulate: bool) -> list[Cause]:
     """The rate as a cause, which the clock shows."""
     found, wanted, z = run.recording.period, run.guard.dt, run.expected.centre
-    if abs(found / wanted - 1.0) <= OTHER_RATE:
+    # A law without an estimator is for any rate.
+    if run.policy.period is None or abs(found / wanted - 1.0) <= OTHER_RATE:
         return []
     text = f"the controller is called every {1e3 * found:.3g} ms, not every {1e3 * wanted:.3g} ms"
     evidence = f"median of {len(run.recording.time) - 1} periods"

@@ -94,9 +94,10 @@ class LoggedRun:
         periods, limit, delay = np.diff(recording.time), self.policy.torque_limits[joint], INDEX["delay"]
         late = float(np.mean(periods > LATE * recording.period))
         saturated = float(np.mean(np.abs(recording.u[:, joint]) >= SATURATED * limit))
-        fault = self.fault()
+        fault, period = self.fault(), self.policy.period
+        own = "any" if period is None else f"{1e3 * period:.3g} ms"
         return {
-            "Period": f"{1e3 * recording.period:.3g} ms (the policy's: {1e3 * self.guard.dt:.3g} ms)",
+            "Period": f"{1e3 * recording.period:.3g} ms (the policy's: {own})",
             "Late calls": f"{late:.1%} take more than {LATE:g} periods, the longest {1e3 * periods.max():.3g} ms",
             "From measurement to torque": f"{1e3 * best.z[delay]:.2g} ± {1e3 * best.sigma[delay]:.1g} ms "
             f"(expected: {1e3 * self.expected.centre[delay]:.2g} ms)",

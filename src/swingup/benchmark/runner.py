@@ -28,6 +28,7 @@ from ..controllers.interface import (
     split,
 )
 from ..controllers.registry import Controller
+from ..controllers.stack.estimator import EstimatingController
 from ..controllers.stack.policy import PolicyController, plant_of, policy_of
 from ..plant.plant import Plant, Robot
 from ..policy.pendulum import plant_difference
@@ -104,7 +105,7 @@ def prepare(source: Any, robot: Robot, name: str, plant: Plant | None = None) ->
     around = layers(controller)
     if plant is not None and around and isinstance(policy := around[-1], PolicyController):
         # Behind an identifier a policy that sees its plant is for all plants in its range.
-        identifies = any(getattr(layer, "identifier", None) for layer in around)
+        identifies = any(isinstance(each, EstimatingController) and each.identifier is not None for each in around)
         seen = policy_of(policy).network.plant_stage if identifies else None
         difference = plant_difference(plant_of(policy), plant, robot, seen)
         if difference is not None:

@@ -40,7 +40,7 @@ from ..export.folder import (
 )
 from ..export.onnx_graph import onnx_model
 from ..plant.plant import LEADERBOARD, Robot, validated
-from ..policy.feedback import FeedbackPolicy, RobotPolicy
+from ..policy.feedback import FeedbackPolicy, RobotPolicy, is_law, load_robot_policy
 from ..policy.guard import GuardSettings, choose_guard
 from ..policy.pendulum import write_plant
 from ..policy.policy import TaskPolicy
@@ -145,7 +145,7 @@ def export_command(
             f"{policy} is a controller of your own: its code runs in a loop as it is, without export"
         )
     else:
-        found = load_policy(policy, robot, facts_of(plant))
+        found = load_robot_policy(policy, robot) if is_law(policy) else load_policy(policy, robot, facts_of(plant))
     if not isinstance(found, TaskPolicy):
         found = dataclasses.replace(found, plant=validated(found.plant.changed(**zeros)))
         found = dataclasses.replace(found, guard=choose_export_guard(found, to, guard, changes))

@@ -133,7 +133,7 @@ def evaluate_command(
     if save is not None:
         if len(boards) > 1 or not boards[0].keeps_rows:
             raise SwingupError(
-                f"--save writes one trajectory, which {' '.join(board)} lacks: add --board performance"
+                f"--save writes the rows of one board, as performance, not those of {' '.join(board)}"
             )
         check_writable(save)  # before the judging, which may take minutes
     for each in boards:

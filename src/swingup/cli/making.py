@@ -227,10 +227,11 @@ def _judged(policy: RobotPolicy, around: Domain, seeds: int, file: str, seed: in
     with Progress() as bar:
         judged: Any
         if isinstance(policy, FeedbackPolicy):
-            judged = get_controller(policy.name, policy.robot, True, around.nominal_plant)
+            named = policy.name
+            judged = get_controller(named, policy.robot, True, around.nominal_plant)
         else:
-            judged = make_controller(policy)
+            judged, named = make_controller(policy), file
         return judge(
-            judged, policy.robot, SIM2REAL, seeds, seed=seed, name=file, domain=around,
+            judged, policy.robot, SIM2REAL, seeds, seed=seed, name=named, domain=around,
             progress=lambda done, total: bar("simulated pendulums", done, total),
         )  # fmt: skip

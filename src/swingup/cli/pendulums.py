@@ -1,6 +1,7 @@
 """The commands about pendulums and their logs: plant, excite, identify, compare and diagnose."""
 
 import itertools
+import os
 import time
 from collections.abc import Iterable, Sequence
 from shlex import quote
@@ -361,7 +362,7 @@ def diagnose_command(
         json: print one JSON object.
     """
     check_outputs(PAGE_FORMATS, out)
-    if policy in BASELINES:
+    if policy in BASELINES and not os.path.isdir(policy):
         raise SwingupError(
             f"{policy} is designed anew for each plant: give what ran, the folder of swingup export or the "
             "feedback law of swingup make-controller (.safetensors)"

@@ -12,12 +12,12 @@ from ..benchmark.board import CAUSES, Result
 from ..benchmark.leaderboard import ON_ROBOT, OURS, Table
 from ..benchmark.values import COLUMNS
 from ..common.errors import one_line, printable
-from ..controllers.baselines.baselines import BASELINES
 from ..controllers.interface import layers
 from ..controllers.registry import has_estimator
 from ..controllers.stack.policy import PolicyController
 from ..controllers.stack.regulator import RegulatingController
 from ..plant.plant import LEADERBOARD, Plant, torque_over_gravity
+from ..policy.shipped import is_policy
 from ..report.log_report import Part
 from .output import tell, tell_table
 
@@ -74,22 +74,25 @@ def _success(result: Result) -> tuple[str, str]:
     return f"{result.successes} of {number}", f"{low:.0%} to {high:.0%}"
 
 
-REFINE = "; refine its policy: swingup refine ROBOT --recipe adapt --domain FILE --out FILE"
 WHAT_TO_TRY = {
-    "no swing-up": "check the plant with a log: swingup compare LOG --plant FILE" + REFINE,
-    "beyond a limit": "set a guard's limit: swingup export --velocity-limit" + REFINE,
+    "no swing-up": "check the plant with a log: swingup compare LOG --plant FILE",
+    "beyond a limit": "set a guard's limit: swingup export --velocity-limit",
     "fell": "identify friction and delay from more logs; the passive joint's dry friction fells most",
     "up late": "watch one: --seed SEED --seeds 1 --save run.csv; then as for runs without a swing-up",
     "stopped": "read the reason; swingup export --velocity-limit sets a guard's, --no-guard leaves the guard out",
 }
-"""Advice for each of a failure's causes; ``REFINE`` goes with policies."""
+"""Advice for each of a failure's causes."""
+REFINED, REFINE = (
+    ("no swing-up", "beyond a limit"),
+    "; swingup refine ROBOT --recipe adapt --domain FILE --out FILE",
+)
+"""Causes against which a policy can be refined, and the advice."""
 MAX_SHOWN_SEEDS = 8
 """Seeds of failures that a line names."""
 
 
 def _failures(result: Result) -> Iterator[str]:
     """How many runs failed for each cause, at which seeds, the first of them in words, and what to try."""
-    is_network = result.controller not in BASELINES and ":" not in result.controller
     if len(result.seeds) != len(result.runs):
         return
     failed = [(seed, run.tip) for seed, run in zip(result.seeds, result.runs, strict=True) if not run.success]
@@ -98,8 +101,10 @@ def _failures(result: Result) -> Iterator[str]:
         if those:
             seeds = ", ".join(str(seed) for seed, _ in those[:MAX_SHOWN_SEEDS])
             more = ", ..." if len(those) > MAX_SHOWN_SEEDS else ""
-            yield f"  {len(those)} failed, {cause} (seed {seeds}{more}): {those[0][1]}"
-            yield f"    try: {WHAT_TO_TRY[cause].removesuffix('' if is_network else REFINE)}"
+            if len(result.runs) > 1:  # a single run's failure stands beside its success
+                yield f"  {len(those)} failed, {cause} (seed {seeds}{more}): {those[0][1]}"
+            refine = REFINE if cause in REFINED and is_policy(result.controller) else ""
+            yield f"    try: {WHAT_TO_TRY[cause]}{refine}"
 
 
 def _runs(result: Result) -> Iterator[tuple[str, str, str]]:
@@ -108,7 +113,7 @@ def _runs(result: Result) -> Iterator[tuple[str, str, str]]:
     known = [time for time in times if time is not None]
     if len(runs) == 1 and runs[0].tip is not None:
         yield "Highest tip [m]", f"{runs[0].tip.highest:.3f}", f"{runs[0].tip.percent:.1f} % of l1 + l2"
-    if len(known) > 1:
+    if len(runs) > 1 and known:
         yield "Median of the successes", COLUMNS["swingup_time"].show(median(known)), "swing-up time [s]"
     for title, name in (("Largest speed [rad/s]", "speed"), ("Largest angle [rad]", "angle")):
         values = [value for run in runs if (value := getattr(run, name)) is not None]

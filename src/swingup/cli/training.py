@@ -154,13 +154,13 @@ def train_shown(run: Run, note: Callable[[TrainingReport], str] = lambda report:
         progress("frames", run.frames, run.goal)
         if settings.problem.stream:
             progress.log(f"an update takes {run.backend.pause:.2f} s, in which nobody acts")
-        ended = settings.preset != ENV_PRESET
+        ended: bool | None = None
         with _stopped_by_signals(run) as received:
             for report in run.advance():
                 progress("frames", report.frames, run.goal, figures(report, note(report)))
-                ended |= report.best.training.ended
+                ended = ended or any(row.training.ended for row in report.rows)
         run.close()
-        if not ended:
+        if ended is False and not received and settings.preset == ENV_PRESET:
             progress.log(
                 f"no episode ended: where the task goes on for ever, --preset {CONTINUING_PRESET} is for it"
             )

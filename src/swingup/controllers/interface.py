@@ -5,7 +5,7 @@ import copy
 import inspect
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeAlias, TypeVar
 
 import equinox as eqx
 import jax
@@ -71,6 +71,9 @@ Carry = TypeVar("Carry")
 class AbstractController(eqx.Module, Generic[Carry]):
     """A controller of the double pendulum: ``init() -> carry``, then ``(carry, t, x) -> (carry, u)``."""
 
+    wraps: ClassVar[bool] = False
+    """Whether it stands around its field ``controller``."""
+
     @abc.abstractmethod
     def init(self) -> Carry:
         """What the controller remembers before the first step."""
@@ -85,11 +88,9 @@ class AbstractController(eqx.Module, Generic[Carry]):
 
 def layers(controller: Any) -> list[AbstractController[Any]]:
     """A controller, then what stands behind it, from outside to the innermost; none in plain Python."""
-    found = []
-    while isinstance(controller, AbstractController):
-        found.append(controller)
-        controller = getattr(controller, "controller", None)
-    return found
+    if not isinstance(controller, AbstractController):
+        return []
+    return [controller, *(layers(controller.controller) if controller.wraps else [])]  # type: ignore[attr-defined]
 
 
 class AbstractPlantController(AbstractController[Carry]):
@@ -113,6 +114,8 @@ class AbstractPlantController(AbstractController[Carry]):
 
 class ZeroedController(AbstractController[Carry]):
     """A controller that sees angles without the encoders' zeros."""
+
+    wraps: ClassVar[bool] = True
 
     controller: AbstractController[Carry]
     zeros: tuple[float, float]  # Shown where the pendulum hangs (rad)

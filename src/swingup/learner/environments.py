@@ -11,6 +11,7 @@ action came too late: the state had moved on from the observation that it was ch
 
 import copy
 import functools
+import importlib
 import multiprocessing
 import time
 import weakref
@@ -329,8 +330,10 @@ def _makers(env: Any, stream: bool) -> Sequence[Callable[[], Any]] | Callable[[]
 
 def make_by_id(name: str, **options: Any) -> Any:
     """``gymnasium.make``; the module of ``module:id`` may lie in the working folder."""
-    with working_folder_first():
-        return gymnasium.make(name, **options)
+    if ":" in name:
+        with working_folder_first():
+            importlib.import_module(name.partition(":")[0])
+    return gymnasium.make(name, **options)
 
 
 def _refuse_end(name: str, terminated: bool) -> NoReturn:

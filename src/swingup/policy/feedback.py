@@ -182,13 +182,18 @@ def policy_controller(policy: RobotPolicy, guard: GuardChoice = None) -> LoopCon
     return numpy_controller(policy, guard=guard)
 
 
+def is_law(source: str | Path) -> bool:
+    """Whether a file is that of a feedback law."""
+    return read_format(source) == FORMAT
+
+
 def load_robot_policy(source: str | Path, robot: Robot | str | None = None) -> RobotPolicy:
     """Read a pendulum's policy, as :func:`swingup.load_policy`, or the file of a feedback law.
 
     Raises:
         SwingupError: it is neither, or damaged, or for another robot.
     """
-    if read_format(source) != FORMAT:
+    if not is_law(source):
         return load_pendulum_policy(source, robot)
     found = read_feedback(source)
     if robot is not None and found.robot != get_robot(robot):

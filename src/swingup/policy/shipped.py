@@ -1,5 +1,6 @@
 """The policies that the package ships, by name."""
 
+import os
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -90,7 +91,7 @@ def load_pendulum_policy(
 def _read(source: str | Path, robot: Robot | str | None) -> PendulumPolicy:
     if has_suffix(source, SUFFIX):
         return read_pendulum_policy(source, robot)
-    if Path(source).is_dir():
+    if str(source) not in SHIPPED_POLICIES and os.path.isdir(source):
         raise SwingupError(
             f"{source} is a folder: name a policy file in it, such as {Path(source, 'best')}{SUFFIX}"
         )

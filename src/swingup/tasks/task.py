@@ -25,7 +25,6 @@ from ..policy.network import Stage as Stage
 from ..policy.spaces import Space, box, discrete
 
 StateT = TypeVar("StateT")
-STEP_ENTRIES = ("observation", "reward", "terminated", "truncated")
 
 
 @dataclass(frozen=True)
@@ -101,20 +100,32 @@ def check_task(task: AbstractTask[Any]) -> None:
     """Trace a reset and a step of a task without running them.
 
     Raises:
-        SwingupError: JAX cannot trace them, or what they give has other shapes than the task says.
+        SwingupError: JAX cannot trace them, or what they give has other shapes or types than the task says.
     """
-    name, key = type(task).__name__, jax.random.key(0)
-    action = jnp.zeros(task.action_size, int if task.choices else float)
+    name = type(task).__name__
     with errors_named_after(f"tracing reset, observe and step of {name}", "write them for jax.jit"):
+        key, action = jax.random.key(0), jnp.zeros(task.action_size, int if task.choices else float)
         state = jax.eval_shape(task.reset, key)
         seen, step = jax.eval_shape(task.observe, state), jax.eval_shape(task.step, state, action, key)
-        given = {"observe()": seen, **{f"{each} of step()": getattr(step, each) for each in STEP_ENTRIES}}
-    for what, value in given.items():
-        wanted = (task.observation_size,) if what.startswith("observ") else ()
-        if (shape := jnp.shape(value)) != wanted:
+        size = (task.observation_size,)
+        given = (
+            ("observe()", seen, size), ("observation of step()", step.observation, size),
+            ("reward of step()", step.reward, ()), ("terminated of step()", step.terminated, ()),
+            ("truncated of step()", step.truncated, ()),
+        )  # fmt: skip
+        before, after = map(_structure, (state, step.state))
+    for what, value, wanted in given:
+        if (shape := getattr(value, "shape", type(value).__name__)) != wanted:
             raise SwingupError(f"{what} of {name} has shape {shape}: the task needs {wanted}")
-    if jax.tree.map(jnp.shape, step.state) != jax.tree.map(jnp.shape, state):
-        raise SwingupError(f"step() of {name} changes the shapes of the state: keep those of reset()")
+        if what.startswith("t") and value.dtype != bool:
+            raise SwingupError(f"{what} of {name} is {value.dtype}: give a truth value")
+    if before != after:
+        raise SwingupError(f"step() of {name} changes shapes or types of the state: keep those of reset()")
+
+
+def _structure(state: Any) -> tuple[Any, ...]:
+    leaves, structure = jax.tree.flatten(state)
+    return structure, [(each.shape, each.dtype) for each in leaves]
 
 
 def strongly_typed(leaf: Any) -> jax.Array:

@@ -1,7 +1,7 @@
 """The state estimator of ``policy/estimator.py`` in JAX: a controller around one that sees the estimate."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -64,6 +64,8 @@ class EstimatorMemory(NamedTuple):
 
 class EstimatingController(AbstractController[EstimatorMemory]):
     """A controller that sees an estimate of the state instead of its measurement."""
+
+    wraps: ClassVar[bool] = True
 
     controller: AbstractController[Any]
     """The controller behind; one that depends on its plant is called for the identified one."""

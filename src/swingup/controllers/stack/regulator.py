@@ -1,6 +1,6 @@
 """The regulator of ``policy/regulator.py`` in JAX: a controller around a policy."""
 
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -31,6 +31,8 @@ class RegulatorMemory(NamedTuple):
 
 class RegulatingController(AbstractPlantController[RegulatorMemory]):
     """A policy, and near the top the linear quadratic regulator."""
+
+    wraps: ClassVar[bool] = True
 
     controller: AbstractController[Any]  # The policy; it is called always
     base: Float[Any, "9"]  # θ of the plant that it holds, where a call does not say
