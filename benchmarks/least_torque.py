@@ -2,9 +2,9 @@
 
 Usage: python benchmarks/least_torque.py [--within 5] [--plant NAME ...] [--robot NAME ...]
 
-The longer search bisects down to steps of 2 % instead of 5 %, and evolves 32 islands for 80 generations instead of 16
-for 40. Both results are upper bounds, since no search proves that no motion swings up. Prints a row of Markdown for
-each design and robot.
+The longer search bisects down to steps of 2 % instead of 5 %, and evolves 32 islands for 80 generations instead of
+16 for 40. Both results are upper bounds, since no search proves that no motion swings up. Prints a row of Markdown
+for each design and robot.
 """
 
 import argparse

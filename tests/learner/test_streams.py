@@ -61,7 +61,7 @@ def test_a_plant_is_reset_once_whatever_happens_and_a_loaded_learner_goes_on_bit
     # The pause was measured before the first step, and what it was is in the metrics.
     assert first.pause > 0.0
     assert all(row["longest_pause"] > 0.0 and row["late_steps"] == 0 for row in rows)
-    assert "one environment, which trains" in refusal(second.evaluate)
+    assert "what was passed in trains" in refusal(second.evaluate)
     assert second.evaluate(env=Plant())["mean_length"] == 200
 
 
