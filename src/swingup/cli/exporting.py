@@ -144,8 +144,11 @@ def export_command(
         raise SwingupError(
             f"{policy} is a controller of your own: its code runs in a loop as it is, without export"
         )
+    elif is_law(policy):
+        refuse_ignored({"plant": facts_of(plant)}, "is of policies and baselines, and a law is of its own plant")
+        found = load_robot_policy(policy, robot)
     else:
-        found = load_robot_policy(policy, robot) if is_law(policy) else load_policy(policy, robot, facts_of(plant))
+        found = load_policy(policy, robot, facts_of(plant))
     if not isinstance(found, TaskPolicy):
         found = dataclasses.replace(found, plant=validated(found.plant.changed(**zeros)))
         found = dataclasses.replace(found, guard=choose_export_guard(found, to, guard, changes))

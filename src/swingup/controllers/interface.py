@@ -18,6 +18,7 @@ from ..common.types import Count, Flag, Scalar, State, Torque
 from ..plant.plant import TORQUE_LIMIT, Plant, Robot, get_robot
 from ..policy.contract import LoopController
 from ..policy.guard import GuardChoice, choose_guard
+from ..tasks.task import structure_of
 
 
 class Time(NamedTuple):
@@ -172,7 +173,7 @@ def check_interface(controller: AbstractController[Any]) -> None:
         raise SwingupError(f"its torque has shape {shape}: return [u1, u2] of shape (2,) in N m")
     if jnp.issubdtype(command.dtype, jnp.complexfloating):
         raise SwingupError(f"its torque is {command.dtype}: return real numbers [u1, u2] in N m")
-    if _structure(after) != _structure(start):
+    if structure_of(after) != structure_of(start):
         raise SwingupError("its memory changes shape or dtype in a call: keep what init() returns")
 
 
@@ -187,11 +188,6 @@ def check_robot(source: Any, robot: Robot) -> None:
     meant = attribute(source, "robot")
     if isinstance(meant, Robot) and meant != robot:
         raise SwingupError(f"it is for the {meant.name}, not the {robot.name}: judge it there")
-
-
-def _structure(memory: Any) -> tuple[Any, list[tuple[tuple[int, ...], Any]]]:
-    leaves, structure = jax.tree.flatten(memory)
-    return structure, [(jnp.shape(leaf), jnp.result_type(leaf)) for leaf in leaves]
 
 
 TorqueFunction = Callable[[np.ndarray, float], Any]

@@ -113,7 +113,7 @@ def check_task(task: AbstractTask[Any]) -> None:
             ("reward of step()", step.reward, ()), ("terminated of step()", step.terminated, ()),
             ("truncated of step()", step.truncated, ()),
         )  # fmt: skip
-        before, after = map(_structure, (state, step.state))
+        before, after = map(structure_of, (state, step.state))
     for what, value, wanted in given:
         if (shape := getattr(value, "shape", type(value).__name__)) != wanted:
             raise SwingupError(f"{what} of {name} has shape {shape}: the task needs {wanted}")
@@ -123,9 +123,10 @@ def check_task(task: AbstractTask[Any]) -> None:
         raise SwingupError(f"step() of {name} changes shapes or types of the state: keep those of reset()")
 
 
-def _structure(state: Any) -> tuple[Any, ...]:
+def structure_of(state: Any) -> tuple[Any, list[tuple[tuple[int, ...], Any]]]:
+    """The structure of a pytree with its leaves' shapes and types."""
     leaves, structure = jax.tree.flatten(state)
-    return structure, [(each.shape, each.dtype) for each in leaves]
+    return structure, [(jnp.shape(leaf), jnp.result_type(leaf)) for leaf in leaves]
 
 
 def strongly_typed(leaf: Any) -> jax.Array:
