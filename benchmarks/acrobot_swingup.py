@@ -1,105 +1,94 @@
-"""dm_control's acrobot-swingup: learnt in JAX from starts of its own, judged in MuJoCo.
+"""Policies of dm_control's acrobot-swingup, judged in MuJoCo.
 
-Usage: python benchmarks/acrobot_swingup.py [--seeds 1] [--first-seed 0] [--study FILE] [--policies FOLDER]
+Usage: python benchmarks/acrobot_swingup.py FILE [FILE ...] [--episodes 128]
 
-Needs swingup[mujoco]. Finished runs are lines of the study's file and are not repeated: frames (steps of 10 ms),
-the mean return of 128 episodes in MuJoCo, and seconds of the processor, evaluations in JAX and compilation
-included. `--seeds 0` trains nothing and shows what is finished. Policies are written as files.
+FILE is a policy of `swingup train --env swingup/AcrobotSwingup-v0`. Needs swingup[mujoco]. Each policy plays other
+episodes from dm_control's starts, and acts at 100 Hz. Prints its mean return (of 1,000) with the standard error,
+the share of episodes that stand in the target for the last 2 s, the median time until the tip is there first, and
+the share with a return below 100; then Student's interval over the files.
 """
 
 import argparse
-import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
-from study import Study
+from scipy.stats import ttest_1samp
 
-from swingup import AREAPO
-from swingup.learner.presets import ACROBOT_PRESET, get_preset
-from swingup.learner.progress import TrainingReport
 from swingup.policy.shipped import load_policy
-from swingup.tasks.acrobot_swingup import ACTION_REPEAT, MJCF, AcrobotSwingup
+from swingup.tasks.acrobot_swingup import MJCF, AcrobotSwingup
 
-ID, PRESET = "swingup/AcrobotSwingup-v0", ACROBOT_PRESET
-EPISODES, STEPS = 128, 1000
-"""Of a judgement in MuJoCo; their seeds are not those of training."""
-EVERY, JUDGEMENTS = 1220 * get_preset(PRESET).config.rollout_size, 10
-"""Actions between judgements, nearly 10 million, and how many there are: the preset's run. In MuJoCo an action
-lasts for one step."""
-COLUMNS = ("frames", "scores", "seconds")
+if TYPE_CHECKING:
+    from mujoco import MjData
 
-
-def train(seed: int, path: Path) -> list[tuple[float, ...]]:
-    """Train a seed; its points. The last policy is written to the path."""
-    points: list[tuple[float, ...]] = []
-    judging, start = 0.0, time.process_time()
-
-    def note(model: AREAPO, report: TrainingReport) -> None:
-        nonlocal judging
-        begun = time.process_time()
-        model.export_policy(path)
-        returns, frames = judge(path, seed), ACTION_REPEAT * report.frames
-        points.append((frames, round(float(returns.mean()), 1), round(begun - start - judging, 1)))
-        print(f"seed {seed}: {frames:,} frames, return {returns.mean():.1f}, {points[-1][2]:.0f} s", flush=True)
-        judging += time.process_time() - begun
-
-    AREAPO(ID, PRESET, seed, evaluate_every=EVERY, checkpoint_every=EVERY).learn(JUDGEMENTS * EVERY, note)
-    return points
+STEPS, DT, LAST = 1000, 0.01, 200
+"""Of an episode, the time of a step (s), and how many steps must be in the target at the end."""
+FAILED = 100.0
+"""A return below which a policy did not swing up."""
 
 
-def judge(path: Path, seed: int) -> Float[np.ndarray, "episodes"]:
-    """Returns of a policy file in MuJoCo, which sees and pays as dm_control does; 100 actions a second."""
+def judge(path: Path, seed: int, episodes: int) -> Float[np.ndarray, "episodes steps"]:
+    """Rewards of a policy file in MuJoCo, which sees and pays as dm_control does; 100 actions a second."""
     import mujoco
 
     policy = load_policy(path)
     model = mujoco.MjModel.from_xml_string(MJCF)
     random = np.random.default_rng([seed, 1])
-    episodes = [mujoco.MjData(model) for _ in range(EPISODES)]
-    for data in episodes:
-        data.qpos[:] = random.uniform(-np.pi, np.pi, 2)
-        mujoco.mj_kinematics(model, data)
+    data = [mujoco.MjData(model) for _ in range(episodes)]
+    for each in data:
+        each.qpos[:] = random.uniform(-np.pi, np.pi, 2)
+        mujoco.mj_kinematics(model, each)
     pay = jax.jit(jax.vmap(AcrobotSwingup().reward))
-    returns = np.zeros(EPISODES)
-    for _ in range(STEPS):
-        observations = np.array([_observe(data) for data in episodes])
-        for data, control in zip(episodes, policy.predict(observations)[0], strict=True):
-            data.ctrl[:] = control
-            mujoco.mj_step(model, data)
-            mujoco.mj_kinematics(model, data)
-        states = np.array([[data.qpos[0] + np.pi, data.qpos[1], *data.qvel] for data in episodes])
-        returns += np.asarray(pay(jnp.asarray(states)))
-    return returns
+    rewards = np.zeros((episodes, STEPS))
+    for step in range(STEPS):
+        observations = np.array([_observe(each) for each in data])
+        for each, control in zip(data, policy.predict(observations)[0], strict=True):
+            each.ctrl[:] = control
+            mujoco.mj_step(model, each)
+            mujoco.mj_kinematics(model, each)
+        states = np.array([[each.qpos[0] + np.pi, each.qpos[1], *each.qvel] for each in data])
+        rewards[:, step] = pay(jnp.asarray(states))
+    return rewards
 
 
-def _observe(data: "mujoco.MjData") -> Float[np.ndarray, "6"]:  # type: ignore[name-defined]
+def _observe(data: "MjData") -> Float[np.ndarray, "6"]:
     """Horizontal, then vertical directions of both links; the joints' velocities."""
     arms = data.xmat[1:].reshape(2, 3, 3)
     return np.concatenate([arms[:, 0, 2], arms[:, 2, 2], data.qvel])
 
 
+def row_of(path: Path, rewards: Float[np.ndarray, "episodes steps"]) -> str:
+    """A line of the table."""
+    returns, there = rewards.sum(axis=1), rewards >= 1.0
+    arrival = np.where(there.any(axis=1), DT * there.argmax(axis=1), np.inf)
+    error = returns.std(ddof=1) / np.sqrt(len(returns))
+    cells = [
+        path.stem, f"{returns.mean():.0f} ± {error:.0f}", f"{100 * there[:, -LAST:].all(axis=1).mean():.0f} %",
+        f"{np.median(arrival):.1f} s", f"{100 * (returns < FAILED).mean():.0f} %",
+    ]  # fmt: skip
+    return f"| {' | '.join(cells)} |"
+
+
 def main() -> None:
-    """Train the missing seeds and print the table."""
+    """Judge the files and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--first-seed", type=int, default=0, help="seeds are this one and those that follow")
-    parser.add_argument("--study", type=Path, default=Path("benchmarks/runs/acrobot-swingup.jsonl"))
-    parser.add_argument("--policies", type=Path, default=Path("runs/acrobot-swingup"))
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE")
+    parser.add_argument("--episodes", type=int, default=128)
     options = parser.parse_args()
-    for seed in range(options.first_seed, options.first_seed + options.seeds):
-        if not Study(options.study).has(["acrobot-swingup"], seed):
-            options.policies.mkdir(parents=True, exist_ok=True)
-            points = train(seed, options.policies / f"{seed}.safetensors")
-            Study(options.study).add(["acrobot-swingup"], seed, points, COLUMNS)
-    curves = Study(options.study).of("acrobot-swingup")
-    print("\n| frames | processor, s | mean return of the seeds | each |\n|---:|---:|---:|---|")
-    for point, frames in enumerate(curves[0]["frames"] if curves else []):
-        returns = [curve["scores"][point] for curve in curves]
-        seconds = np.mean([curve["seconds"][point] for curve in curves])
-        each = ", ".join(f"{value:.0f}" for value in returns)
-        print(f"| {frames / 1e6:.0f} M | {seconds:.0f} | {np.mean(returns):.1f} | {each} |")
+    print(
+        "| policy | return | stands for the last 2 s | first there | return below 100 |\n|---" + "|---:" * 4 + "|"
+    )
+    means = []
+    for seed, path in enumerate(options.files):
+        rewards = judge(path, seed, options.episodes)
+        means.append(rewards.sum(axis=1).mean())
+        print(row_of(path, rewards), flush=True)
+    if len(means) > 1:
+        low, high = ttest_1samp(means, 0.0).confidence_interval()
+        print(f"\n{np.mean(means):.0f} ({low:.0f} to {high:.0f}; 95 %) over {len(means)} policies")
 
 
 if __name__ == "__main__":

@@ -132,12 +132,11 @@ def test_a_policy_file_of_dm_controls_acrobot_earns_in_mujoco_what_it_earns_in_t
 ):
     pytest.importorskip("mujoco")
     module, zeros = script("acrobot_swingup"), lambda *_, **__: jnp.zeros((2, 4))
-    monkeypatch.setattr(module, "EPISODES", 2)
     monkeypatch.setattr(module, "STEPS", 20)
     monkeypatch.setattr("swingup.tasks.acrobot_swingup.winnable_states", zeros)  # unused
-    model = AREAPO(module.ID, num_envs=2, num_steps=4, batch_size=8, evaluation_episodes=1)
+    model = AREAPO("swingup/AcrobotSwingup-v0", num_envs=2, num_steps=4, batch_size=8, evaluation_episodes=1)
     model.export_policy(tmp_path / "policy.safetensors")
-    found = module.judge(tmp_path / "policy.safetensors", 7)
+    found = module.judge(tmp_path / "policy.safetensors", 7, 2).sum(axis=1)
     assert model.settings.preset == "dm-acrobot"
     random, task = np.random.default_rng([7, 1]), AcrobotSwingup()
     step, observe = jax.jit(task.step), jax.jit(task.observe)

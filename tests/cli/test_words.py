@@ -112,7 +112,7 @@ def test_a_link_to_itself_and_a_name_of_300_letters(words, refused, tmp_path):
         assert "File exists" not in line
 
 
-OF_PRESETS = "(0.0005; small: 0.001; fast: 0.0012; dm-acrobot: 0.0006; ppo, episodes, continuing: 0.0003)"
+OF_PRESETS = "(0.0005; small: 0.001; fast, dm-acrobot: 0.0012; ppo, episodes, continuing: 0.0003)"
 NAMED = {
     "": [f"• {name} " for name in COMMANDS],
     "evaluate": BUILT_IN,

@@ -14,13 +14,13 @@ import pytest
 from swingup.benchmark.board import Setting
 from swingup.benchmark.boards import SIM2REAL
 from swingup.common.errors import SwingupError
-from swingup.dynamics.dynamics import UPRIGHT
+from swingup.dynamics.dynamics import UPRIGHT, linearise
 from swingup.dynamics.integrate import rk4_step
 from swingup.loop.resolve import resolve
 from swingup.loop.starts import thrown_states, winnable_states
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, ROBOTS
-from swingup.tasks.acrobot_swingup import CAPSULES, MAGNIFY, MJCF, AcrobotPractice, AcrobotSwingup
+from swingup.tasks.acrobot_swingup import CAPSULES, MAGNIFY, MJCF, UNSTABLE, AcrobotPractice, AcrobotSwingup
 from swingup.tasks.pendulum import PendulumState
 from swingup.tasks.presets import TASKS, get_task, paper_task, smooth_task
 from swingup.tasks.task import AbstractTask, Step, check_energy
@@ -267,6 +267,18 @@ def test_practice_observes_and_acts_as_the_task():
     np.testing.assert_allclose(mine.observation[:6], seen, rtol=1e-5)
     assert mine.observation[6] == pytest.approx(math.asinh(1000 * seen[0]), rel=1e-5)
     np.testing.assert_allclose(MAGNIFY(seen), mine.observation, rtol=1e-5)
+    # Upright is [π, 0], and angles are within ± π.
+    x = np.asarray(step.state.x, float) - [math.pi, 0.0, 0.0, 0.0]
+    x[:2] = (x[:2] + math.pi) % (2 * math.pi) - math.pi
+    np.testing.assert_allclose(mine.observation[12:], np.arcsinh(10.0 * UNSTABLE @ x), rtol=1e-4)
+
+
+def test_the_unstable_coordinates_of_dm_controls_acrobot():
+    """c = w·x has c' = λ c + w·B u, with w·B u = λ at full torque: it brings back what is within ± 1."""
+    A, B = linearise(CAPSULES, jnp.asarray(UPRIGHT), jnp.zeros(2))
+    for row, rate in zip(UNSTABLE, (6.5423, 2.6574), strict=True):
+        np.testing.assert_allclose(row @ np.asarray(A), rate * row, rtol=1e-4)
+        assert row @ np.asarray(B)[:, 1] * CAPSULES.tl2 == pytest.approx(rate, rel=1e-4)
 
 
 class Spring(AbstractTask[Any]):

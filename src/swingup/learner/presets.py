@@ -84,12 +84,12 @@ PRESETS = {
         only=PENDULUM,
     ),
     "dm-acrobot": Preset(
-        "dm_control's acrobot, from starts of its own, in actions of 20 ms: networks of 64-64, discounted rewards",
+        "dm_control's acrobot, from starts of its own, in actions of 20 ms: large rollouts, discounted rewards",
         Config(
-            num_epochs=6, batch_size=512, policy_layers=(64, 64), value_layers=(64, 64), temperature=0.015,
+            num_envs=2048, num_epochs=4, batch_size=8192, policy_layers=(128, 128), value_layers=(128, 128),
             # Standing and falling are two closed classes of states, whose values would part without bound.
-            gain="none", discount=(0.996, 0.996), gae_lambda=(0.97, 0.9), clip_range=0.2, learning_rate=6e-4,
-            schedule="anneal", schedule_frames=100_000_000,
+            temperature=0.015, gain="none", discount=(0.996, 0.996), gae_lambda=(0.97, 0.9), clip_range=0.2,
+            learning_rate=1.2e-3, schedule="anneal", schedule_frames=100_000_000,
         ),
         100_000_000,
         only=DM_ACROBOT,

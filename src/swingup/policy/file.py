@@ -25,7 +25,7 @@ DEFAULTS = {CHOICES: None, ACTIVATION: RELU, BOUNDS: TANH}  # Values of these ke
 MAX_STAGES = 10
 KNOWN_ARRAYS = re.compile(
     r"network\.(trunk\.\d{1,2}|mean|std|logits)\.(weight|bias)"
-    r"|observation\.\d\.(mean|variance|centre|scale|factors)"
+    r"|observation\.\d\.(mean|variance|centre|scale|factors|combinations)"
 )
 """Names of the arrays that are read; all others are left alone."""
 

@@ -120,25 +120,41 @@ class PlantStage:
 
 @dataclass(frozen=True)
 class MagnifyStage:
-    """The observation o, then arsinh(k o) with a factor k for each entry: a logarithmic scale, linear near 0.
+    """The observation o, then arsinh(k o) and arsinh(K x): logarithmic scales, linear near 0.
 
+    k has a factor for each entry. x are the joints' angles within ± π (rad) and velocities of an observation of two
+    links: sines, then cosines of both angles from upright, then velocities. For another observation K has no rows.
     An observation may have leading axes.
     """
 
     PART: ClassVar[str] = "magnify stage"
     factors: Array
+    combinations: Array
 
     def size(self, before: int) -> int:
-        """Length of the result, twice that of the observation."""
+        """Length of the result: twice that of the observation, and a row of K each."""
         if self.factors.shape != (before,):
             raise SwingupError(f"factors have shape {self.factors.shape}, the observation {(before,)}")
-        return 2 * before
+        rows = len(self.combinations) if self.combinations.ndim == 2 else 0
+        if self.combinations.shape != (rows, STATE) or (rows and before != STATE + 2):
+            shapes = f"{self.combinations.shape}, the observation {(before,)}"
+            raise SwingupError(f"combinations have shape {shapes}: rows of 4 need an observation of 6")
+        return 2 * before + rows
 
     def __call__(self, observation: Array, base: Array | None = None) -> Array:
         """The observation, with what is magnified behind it."""
         xp = observation.__array_namespace__()
         factors = xp.asarray(self.factors, dtype=observation.dtype)
-        return xp.concatenate([observation, xp.asinh(factors * observation)], axis=-1)
+        parts = [observation, xp.asinh(factors * observation)]
+        if len(self.combinations):
+            sines, cosines = observation[..., :2], observation[..., 2:4]
+            # The second link from the first one: sine and cosine of a difference.
+            sine = sines[..., 1] * cosines[..., 0] - cosines[..., 1] * sines[..., 0]
+            cosine = cosines[..., 1] * cosines[..., 0] + sines[..., 1] * sines[..., 0]
+            angles = xp.stack([xp.atan2(sines[..., 0], cosines[..., 0]), xp.atan2(sine, cosine)], axis=-1)
+            x = xp.concatenate([angles, observation[..., 4:]], axis=-1)
+            parts.append(xp.asinh(x @ xp.asarray(self.combinations, dtype=x.dtype).T))
+        return xp.concatenate(parts, axis=-1)
 
 
 Stage = PendulumStage | MagnifyStage | NormaliseStage | PlantStage

@@ -118,8 +118,14 @@ class AcrobotSwingup(AbstractTask[PendulumState]):
         return Step(after, self.observe(after), jnp.mean(rewards), jnp.array(False), truncated)
 
 
-MAGNIFY = MagnifyStage(np.array([1000.0, 1000.0, 0.0, 0.0, 300.0, 300.0]))
-"""Factors of the links' horizontal directions and of the velocities (s/rad): what can be held becomes 10 wide."""
+UNSTABLE = np.array([
+    [-0.7474204, 1.6525201, -0.106089085, 0.22758904], [23.96562, 7.830786, 8.963737, 2.9218223],
+])  # fmt: skip
+"""Rows w of both unstable coordinates w·x near upright, which grow by 6.542 and 2.657 1/s: left eigenvectors of the
+linearised plant, scaled so that the motor brings back what is within ± 1."""
+MAGNIFY = MagnifyStage(np.array([1000.0, 1000.0, 0.0, 0.0, 300.0, 300.0]), 10.0 * UNSTABLE)
+"""The links' horizontal directions and velocities (s/rad), so that what can be held is 10 wide, and both unstable
+coordinates."""
 TORQUES = discrete([3], -1, "float32")
 """The choices of a policy: full torque backwards, none, full torque forwards."""
 ACTION_REPEAT = 2  # Steps of 10 ms for which an action is held in practice
@@ -157,7 +163,7 @@ class AcrobotPractice(AcrobotSwingup):
 
     @property
     def observation_size(self) -> int:
-        """Twelve, or the task's six."""
+        """Fourteen, or the task's six."""
         return MAGNIFY.size(6) if self.magnifies else 6
 
     def reset(self, key: Key) -> PendulumState:
