@@ -33,6 +33,7 @@ from study import Curve, Study, draw, smooth, verdict
 
 from swingup import AREAPO
 from swingup.continuing import CONTINUING
+from swingup.learner.presets import CONTINUING_PRESET
 from swingup.learner.progress import TrainingReport
 
 COLUMNS = ("frames", "scores", "seconds", "resets")
@@ -92,7 +93,8 @@ def train(task: str, seed: int, frames: int, change: Change, stream: bool) -> tu
     # A checkpoint would reset eight environments, and evaluations while training are not needed.
     model = AREAPO(
         lambda: gymnasium.make(f"swingup/Continuing{task}-v0", **change.env),
-        seed=seed,
+        CONTINUING_PRESET,  # which the id would have by itself
+        seed,
         evaluate_every=EVERY,
         checkpoint_every=frames,
         evaluation_episodes=0,
