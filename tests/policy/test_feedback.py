@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from refusals import refusal
+from swingup.benchmark.judge import judge
 from swingup.controllers.baselines import baselines
 from swingup.controllers.baselines.baselines import feedback_policy, shipped_reference
 from swingup.controllers.interface import loop_controller
@@ -92,6 +93,16 @@ def test_torques_are_jaxs(case, tmp_path):
         np.testing.assert_allclose(found, expected[run], rtol=0, atol=1e-9)
     assert np.ptp(expected[1][:, law.robot.joint]) > 0.01 * law.torque_limit
     assert law.swing_up is None or np.ptp(expected[0][:, law.robot.joint]) > 0.1 * law.torque_limit
+
+
+def test_a_laws_file_is_a_controller_by_its_name(tmp_path):
+    """As make-controller keeps it: the baseline's score, in plain Python."""
+    path = tmp_path / "law.safetensors"
+    write_feedback(path, feedback_policy("tvlqr", "acrobot"))
+    score = judge(get_controller(path, "acrobot"), "acrobot").score
+    assert score == pytest.approx(judge(get_controller("tvlqr", "acrobot"), "acrobot").score, abs=1e-6)
+    assert "for the acrobot, not the pendubot" in refusal(get_controller, path, "pendubot")
+    assert "its own plant and estimator" in refusal(get_controller, path, "acrobot", estimator=True)
 
 
 def test_a_state_that_is_not_finite_gives_nan(tmp_path):

@@ -50,7 +50,7 @@ RobotOrAll = Annotated[
     arg(help_behavior_hint="(default: all)"),
 ]
 ControllerName = Annotated[
-    str, arg(metavar="NAME", help=f"{', '.join(BUILT_IN)}, a policy file (.safetensors), or module:object.")
+    str, arg(metavar="NAME", help=f"{', '.join(BUILT_IN)}, a policy's or a law's file, or module:object.")
 ]
 
 

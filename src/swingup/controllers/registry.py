@@ -1,4 +1,4 @@
-"""Controllers by name: a built-in one, a policy file, or ``module:object``."""
+"""Controllers by name: a built-in one, the file of a policy or of a feedback law, or ``module:object``."""
 
 import importlib
 import inspect
@@ -10,6 +10,7 @@ from ..common.errors import SwingupError, described, naming, quoted
 from ..common.files import working_folder_first
 from ..loop.resolve import resolve
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
+from ..policy.feedback import is_law, load_robot_policy, policy_controller
 from ..policy.shipped import SHIPPED_POLICIES, is_policy, load_policy
 from .baselines.baselines import BASELINES, baseline
 from .interface import AbstractController, PythonController, from_zeros, layers
@@ -31,9 +32,9 @@ def get_controller(
     """Find a controller by its name, with or without a state estimator before it.
 
     Args:
-        name: a built-in name, the path of a policy file, or ``module:object`` with a module from the working folder
-            or the Python path, and an object, or a class without arguments, that is a controller in JAX, has
-            ``get_control_output(x, t)``, or is a function of (x, t).
+        name: a built-in name, the path of a policy file or of a feedback law, or ``module:object`` with a module
+            from the working folder or the Python path, and an object, or a class without arguments, that is a
+            controller in JAX, has ``get_control_output(x, t)``, or is a function of (x, t).
         robot: which joint is driven.
         estimator: never (False), always (True), or where the policy file has its settings (None). Without settings
             in the file it has the defaults.
@@ -50,6 +51,10 @@ def get_controller(
     if not isinstance(name, str | Path):
         raise SwingupError(f"{quoted(name)} is no name of a controller: pass a controller itself to judge()")
     given = None if plant is None else resolve(plant).facts
+    if is_law(name):
+        if given is not None or estimator is not None:
+            raise SwingupError(f"feedback law {name} has its own plant and estimator: give no others")
+        return PythonController(policy_controller(load_robot_policy(name, robot), guard=False))
     if is_policy(name):
         return make_controller(load_policy(name, robot, given), estimator)
     design = design if given is None else given
@@ -73,7 +78,7 @@ def controller_on(name: str, robot: Robot | str, plant: Plant, estimator: bool |
 
     A policy that finds its plant begins with this one, and a baseline is designed for it.
     """
-    begins = is_policy(name) and load_policy(name, robot).finds_plant
+    begins = not is_law(name) and is_policy(name) and load_policy(name, robot).finds_plant
     return get_controller(name, robot, estimator, plant if begins else None, plant)
 
 
