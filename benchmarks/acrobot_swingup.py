@@ -4,8 +4,8 @@ Usage: python benchmarks/acrobot_swingup.py FILE [FILE ...] [--episodes 128]
 
 FILE is a policy of `swingup train --env swingup/AcrobotSwingup-v0`. Needs swingup[mujoco]. Each policy plays other
 episodes from dm_control's starts, and acts at 100 Hz. Prints its mean return (of 1,000) with the standard error,
-the share of episodes that stand in the target for the last 2 s, the median time until the tip is there first, and
-the share with a return below 100; then Student's interval over the files.
+the return of the sparse task, the share of episodes that stand in the target for the last 2 s, the median time
+until the tip is there first, and the share with a return below 100; then Student's interval over the files.
 """
 
 import argparse
@@ -66,7 +66,8 @@ def row_of(path: Path, rewards: Float[np.ndarray, "episodes steps"]) -> str:
     arrival = np.where(there.any(axis=1), DT * there.argmax(axis=1), np.inf)
     error = returns.std(ddof=1) / np.sqrt(len(returns))
     cells = [
-        path.stem, f"{returns.mean():.0f} ± {error:.0f}", f"{100 * there[:, -LAST:].all(axis=1).mean():.0f} %",
+        path.stem, f"{returns.mean():.0f} ± {error:.0f}", f"{there.sum(axis=1).mean():.0f}",
+        f"{100 * there[:, -LAST:].all(axis=1).mean():.0f} %",
         f"{np.median(arrival):.1f} s", f"{100 * (returns < FAILED).mean():.0f} %",
     ]  # fmt: skip
     return f"| {' | '.join(cells)} |"
@@ -78,9 +79,8 @@ def main() -> None:
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE")
     parser.add_argument("--episodes", type=int, default=128)
     options = parser.parse_args()
-    print(
-        "| policy | return | stands for the last 2 s | first there | return below 100 |\n|---" + "|---:" * 4 + "|"
-    )
+    print("| policy | return | sparse | stands for the last 2 s | first there | return below 100 |")
+    print("|---" + "|---:" * 5 + "|")
     means = []
     for seed, path in enumerate(options.files):
         rewards = judge(path, seed, options.episodes)
