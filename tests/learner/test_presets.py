@@ -1,6 +1,10 @@
 """Presets: what each promises, how a run chooses one, and real trainings from scratch."""
 
+import gymnasium
 import pytest
+from gymnasium.spaces import Box
+from gymnasium.vector import SyncVectorEnv
+from gymnasium.wrappers import TimeLimit
 
 from refusals import refusal
 from swingup import AREAPO
@@ -10,6 +14,13 @@ from swingup.learner.run_settings import make_run_settings
 from swingup.plant.files import load_plant
 
 
+class Endless(gymnasium.Env):
+    """An environment that resets itself."""
+
+    observation_space = action_space = Box(-1.0, 1.0, (1,))
+    own_resets = 0
+
+
 def test_a_run_chooses_by_the_task():
     chosen = {
         "acrobot": "pendulum", "Pendulum-v1": "episodes", "swingup/AcrobotSwingup-v0": "dm-acrobot",
@@ -17,6 +28,10 @@ def test_a_run_chooses_by_the_task():
     }  # fmt: skip
     assert {env: make_problem(env).choose_preset(None) for env in chosen} == chosen
     assert make_problem("Pendulum-v1", resets="never").choose_preset(None) == "continuing"
+    # An object shows by its counter of resets that it never ends.
+    for env, preset in ((Endless(), "continuing"), (TimeLimit(Endless(), 9), "continuing"), (Endless, "episodes")):
+        assert make_problem(env).choose_preset(None) == preset
+    assert make_problem(SyncVectorEnv([Endless])).choose_preset(None) == "continuing"
     for env, preset, only in (
         ("acrobot", "dm-acrobot", "dm_control's acrobot"), ("CartPole-v1", "small", "pendulums"),
         ("swingup/AcrobotSwingup-v0", "pendulum", "pendulums"),

@@ -101,7 +101,7 @@ class Environments:
         # Only of environments in this process: a worker process would not survive an attribute it lacks.
         members: list[Any] = env.envs if isinstance(env, SyncVectorEnv) else []
         self.step_time = step_time(*members[:1] or [env])
-        self._counting = [each for each in members if each.has_wrapper_attr(OWN_RESETS)]
+        self._counting = list(filter(counts_resets, members))
         self.endless = stream or bool(self._counting)
         """Whether these are a stream or continuing tasks, which count the resets that they make themselves."""
         self.all_count = mode is not AutoresetMode.NEXT_STEP and not stream
@@ -295,6 +295,12 @@ def make_environments(env: Any, num_envs: int, stream: bool = False) -> Environm
         # The caller never sees these environments and cannot close them.
         several.close()
         raise
+
+
+def counts_resets(env: Any) -> bool:
+    """Whether an environment counts its own resets, as continuing tasks do; a function that makes it is not run."""
+    members = env.envs if isinstance(env, SyncVectorEnv) else [env]
+    return any(isinstance(each, gymnasium.Env) and each.has_wrapper_attr(OWN_RESETS) for each in members)
 
 
 def own_number(env: Any, stream: bool = False) -> int | None:

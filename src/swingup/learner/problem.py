@@ -278,8 +278,14 @@ class HostProblem(AbstractEnvironmentProblem):
 
     @property
     def continuing(self) -> bool:
-        """Whether it is a stream or one of the continuing tasks."""
-        return self.stream or self.name.startswith(CONTINUING)
+        """Whether it is a stream, one of the continuing tasks, or an object that counts resets as they do."""
+        if self.stream or self.name.startswith(CONTINUING):
+            return True
+        if self.env is None or isinstance(self.env, str):
+            return False
+        from .environments import counts_resets
+
+        return counts_resets(self.env)
 
     @property
     def kind(self) -> str:
