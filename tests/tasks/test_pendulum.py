@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from refusals import refusal
 from swingup.benchmark.board import Setting
 from swingup.benchmark.boards import SIM2REAL
 from swingup.common.errors import SwingupError
@@ -23,7 +24,7 @@ from swingup.plant.plant import LEADERBOARD, ROBOTS
 from swingup.tasks.acrobot_swingup import CAPSULES, MAGNIFY, MJCF, UNSTABLE, AcrobotPractice, AcrobotSwingup
 from swingup.tasks.pendulum import PendulumState
 from swingup.tasks.presets import TASKS, get_task, paper_task, smooth_task
-from swingup.tasks.task import AbstractTask, Step, check_energy
+from swingup.tasks.task import AbstractTask, MagnifyStage, Step, check_energy
 
 PI = np.pi
 KEY = jax.random.key(0)
@@ -271,6 +272,14 @@ def test_practice_observes_and_acts_as_the_task():
     x = np.asarray(step.state.x, float) - [math.pi, 0.0, 0.0, 0.0]
     x[:2] = (x[:2] + math.pi) % (2 * math.pi) - math.pi
     np.testing.assert_allclose(mine.observation[12:], np.arcsinh(10.0 * UNSTABLE @ x), rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("factors", "rows", "before"), [(6, (2, 4), 8), (3, (2, 4), 6), (6, (2, 3), 6), (6, (4,), 6)]
+)
+def test_a_magnify_stage_of_other_shapes_is_refused(factors, rows, before):
+    stage = MagnifyStage(np.ones(factors), np.ones(rows))
+    assert "factors and combinations have shapes" in refusal(stage.size, before)
 
 
 def test_the_unstable_coordinates_of_dm_controls_acrobot():

@@ -120,11 +120,10 @@ class PlantStage:
 
 @dataclass(frozen=True)
 class MagnifyStage:
-    """The observation o, then arsinh(k o) and arsinh(K x): logarithmic scales, linear near 0.
+    """The observation o of two links, then arsinh(k o) and arsinh(K x): logarithmic scales, linear near 0.
 
-    k has a factor for each entry. x are the joints' angles within ± π (rad) and velocities of an observation of two
-    links: sines, then cosines of both angles from upright, then velocities. For another observation K has no rows.
-    An observation may have leading axes.
+    o are the sines, then the cosines of both links' angles, then the joints' velocities; k has a factor for each. x
+    are the joints' angles within ± π (rad) and their velocities. An observation may have leading axes.
     """
 
     PART: ClassVar[str] = "magnify stage"
@@ -132,29 +131,22 @@ class MagnifyStage:
     combinations: Array
 
     def size(self, before: int) -> int:
-        """Length of the result: twice that of the observation, and a row of K each."""
-        if self.factors.shape != (before,):
-            raise SwingupError(f"factors have shape {self.factors.shape}, the observation {(before,)}")
-        rows = len(self.combinations) if self.combinations.ndim == 2 else 0
-        if self.combinations.shape != (rows, STATE) or (rows and before != STATE + 2):
-            shapes = f"{self.combinations.shape}, the observation {(before,)}"
-            raise SwingupError(f"combinations have shape {shapes}: rows of 4 need an observation of 6")
-        return 2 * before + rows
+        """Length of the result: twice that of the observation, and one for each row of K."""
+        found = before, self.factors.shape, self.combinations.shape[1:]
+        if found != (STATE + 2, (STATE + 2,), (STATE,)):
+            shapes = f"{self.factors.shape} and {self.combinations.shape}, the observation {(before,)}"
+            raise SwingupError(f"factors and combinations have shapes {shapes}: use (6,), (n, 4) and (6,)")
+        return 2 * before + len(self.combinations)
 
     def __call__(self, observation: Array, base: Array | None = None) -> Array:
         """The observation, with what is magnified behind it."""
         xp = observation.__array_namespace__()
-        factors = xp.asarray(self.factors, dtype=observation.dtype)
-        parts = [observation, xp.asinh(factors * observation)]
-        if len(self.combinations):
-            sines, cosines = observation[..., :2], observation[..., 2:4]
-            # The second link from the first one: sine and cosine of a difference.
-            sine = sines[..., 1] * cosines[..., 0] - cosines[..., 1] * sines[..., 0]
-            cosine = cosines[..., 1] * cosines[..., 0] + sines[..., 1] * sines[..., 0]
-            angles = xp.stack([xp.atan2(sines[..., 0], cosines[..., 0]), xp.atan2(sine, cosine)], axis=-1)
-            x = xp.concatenate([angles, observation[..., 4:]], axis=-1)
-            parts.append(xp.asinh(x @ xp.asarray(self.combinations, dtype=x.dtype).T))
-        return xp.concatenate(parts, axis=-1)
+        factors, rows = (xp.asarray(each, dtype=observation.dtype) for each in (self.factors, self.combinations))
+        s1, s2, c1, c2, *velocities = xp.moveaxis(observation, -1, 0)
+        # The elbow's angle is the difference of the links'.
+        joints = [xp.atan2(s1, c1), xp.atan2(s2 * c1 - c2 * s1, c2 * c1 + s2 * s1), *velocities]
+        combined = xp.stack(joints, axis=-1) @ rows.T
+        return xp.concatenate([observation, xp.asinh(factors * observation), xp.asinh(combined)], axis=-1)
 
 
 Stage = PendulumStage | MagnifyStage | NormaliseStage | PlantStage
