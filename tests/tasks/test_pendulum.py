@@ -284,7 +284,7 @@ def test_a_magnify_stage_of_other_shapes_is_refused(factors, rows, before):
 
 def test_the_unstable_coordinates_of_dm_controls_acrobot():
     """c = w·x has c' = λ c + w·B u, with w·B u = λ at full torque: it brings back what is within ± 1."""
-    A, B = linearise(CAPSULES, jnp.asarray(UPRIGHT), jnp.zeros(2))
+    A, B = linearise(CAPSULES, jnp.asarray(UPRIGHT, jnp.float32), jnp.zeros(2, jnp.float32))
     for row, rate in zip(UNSTABLE, (6.5423, 2.6574), strict=True):
         np.testing.assert_allclose(row @ np.asarray(A), rate * row, rtol=1e-4)
         assert row @ np.asarray(B)[:, 1] * CAPSULES.tl2 == pytest.approx(rate, rel=1e-4)
