@@ -26,6 +26,10 @@ OTHER_NAMES = {
     "clip_eps": "clip_range",
     "net_arch": "policy_layers and value_layers",
     "policy_kwargs": "policy_layers and value_layers",
+    "agent_kwargs": "policy_layers, value_layers and activation",
+    "anneal_lr": "schedule='anneal' and schedule_frames",
+    "eval_freq": "evaluate_every",
+    "save_freq": "checkpoint_every",
     "n_eval_episodes": "evaluation_episodes",
     "total_timesteps": "an argument of learn, and --frames on the command line",
 }
@@ -36,6 +40,11 @@ A name is not taken for ours, since most of them mean something slightly differe
 """
 ADVICE = {
     "policy": "The networks are those of policy_layers and value_layers",
+    "normalize_advantage": "Advantages are always normalised",
+    "norm_adv": "Advantages are always normalised",
+    "clip_range_vf": "The critic's loss is not clipped",
+    "clip_vloss": "The critic's loss is not clipped",
+    "use_sde": "The noise is drawn anew at every step",
     "verbose": "progress_bar=True, or a callback that prints, is an argument of learn",
     "device": "JAX takes a GPU where it is installed for one; JAX_PLATFORMS=cpu keeps it on the CPU",
     "tensorboard_log": "folder='runs/mine' gets TensorBoard's events, metrics and policies",
