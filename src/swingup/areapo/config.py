@@ -77,8 +77,8 @@ class Config(eqx.Module):
     deviation: Deviation = _word("state", Deviation)
     """What the standard deviation σ of continuous actions is. state: σ depends on the state, and tanh bounds
     actions, as in the paper; action: each action has its own σ and is clipped, as in Stable-Baselines3 and CleanRL;
-    fitted: as action; after the first rollout that shows more than a price of actions, σ is cut to 15 % if large
-    actions cost reward. Discrete actions have no σ."""
+    fitted: as action, with means drawn back from beyond the bounds; after the first rollout that shows more than a
+    price of actions, σ is cut to 15 % if large actions cost reward. Discrete actions have no σ."""
     log_std_init: float = _number(-1.0, -20.0, 2.0)
     """Logarithm of the policy's initial standard deviation (before the bounds)."""
     temperature: float = _number(2.0, 0.0, MAX_NUMBER)

@@ -53,6 +53,10 @@ class BoundedGaussian(eqx.Module):
             terms = terms - 2.0 * (_LOG_2 - z - jax.nn.softplus(-2.0 * z))
         return jnp.sum(terms, axis=0)
 
+    def excess(self) -> Float[Array, "*batch"]:
+        """Squared distance of the mean beyond [-1, 1]: clipped samples are alike there, no gradient leads back."""
+        return jnp.sum(jax.nn.relu(jnp.abs(self.mean) - 1.0) ** 2, axis=0)
+
     def action(self, z: Float[Array, "m *batch"]) -> Float[Array, "m *batch"]:
         """The action of a sample."""
         return BOUNDS[self.bounds](z)
