@@ -44,6 +44,14 @@ class Walk(gymnasium.Env):
         return np.full((20, 30 + self.left, 3), 40 * self.left, np.uint8)[:, :30]
 
 
+class Passing(Walk):
+    """Calls the step before its goal a success, and the end none."""
+
+    def step(self, action):
+        *step, _ = super().step(action)
+        return *step, {"is_success": self.left == 1}
+
+
 class Blind(Walk):
     """Draws nothing."""
 
@@ -77,6 +85,7 @@ def test_episodes_are_counted(tmp_path):
     assert values["resets_per_1000_steps"] == pytest.approx(4000 / sum(lengths))
     assert values["success_interval"][0] == pytest.approx(0.51, abs=0.01)  # Wilson's: 4 / (4 + 1.96²)
     assert evaluate_policy(walker(1), Walk, 4) == (np.mean(lengths), np.std(lengths))
+    assert play(walker(1), Passing, 4).successes == 0  # the last info decides, as in training
     # To the left nothing is reached, and the limit of 7 steps is not a reset of the task.
     lost = play(walker(0), Walk(), episodes=1).as_dict()
     assert (lost["success_rate"], lost["resets_per_1000_steps"], lost["return_interval"]) == (0.0, 0.0, None)

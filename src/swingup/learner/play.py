@@ -30,7 +30,7 @@ class Episodes:
     terminations: int
     """Ends of the task itself; of a continuing task, the resets that it made."""
     successes: int | None = None
-    """Episodes in which the environment said ``is_success``; None where it never says whether."""
+    """Episodes whose last step's info had a true ``is_success``; None where no last one has it."""
 
     def as_dict(self) -> dict[str, Any]:
         """Mean return, reward rate, mean length, resets in 1,000 steps and successes, as JSON values."""
@@ -104,7 +104,7 @@ def play(
         for episode in range(whole_number("episodes", episodes, 1)):
             with errors_named_after(f"an episode of {one_line(made, 100)}"):
                 observation, _ = made.reset(seed=seed if episode == 0 else None)
-                total, length, ended, reached = 0.0, 0, False, list[bool]()
+                total, length, ended, info = 0.0, 0, False, {}
                 while not ended and length < EPISODE_STEPS:
                     if watch is not None:
                         watch(made)
@@ -112,12 +112,11 @@ def play(
                     observation, reward, terminated, truncated, info = made.step(action)
                     total, length, ended = total + float(reward), length + 1, bool(terminated or truncated)
                     terminations += bool(terminated)
-                    reached += [bool(info[SUCCESS])] if SUCCESS in info else []
                 if watch is not None:
                     watch(made)
             returns.append(total)
             lengths.append(length)
-            successes += [any(reached)] if reached else []
+            successes += [bool(info[SUCCESS])] if SUCCESS in info else []
         terminations += _own_resets(made) - resets
         found = sum(successes) if successes else None
         return Episodes(one_line(env, 100), tuple(returns), tuple(lengths), terminations, found)
