@@ -96,7 +96,7 @@ def export_command(
 ) -> None:
     """Write a policy of any task for NumPy, ONNX Runtime or C, or a pendulum's for RealAIGym or CloudPendulum.
 
-    The baselines lqr, tvlqr and tvlqr-score have these forms but onnx; RealAIGymController runs the others.
+    The baselines lqr, tvlqr and tvlqr-score are written for c and both robots; RealAIGymController runs the others.
 
     Args:
         policy: the policy.
