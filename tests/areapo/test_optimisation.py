@@ -50,7 +50,7 @@ def test_loss_by_hand():
 
 
 def test_means_beyond_the_bounds_cost_the_square_of_their_excess():
-    """Means of 3, -1.5 and 0.9 lie 2, 0.5 and 0 beyond the bounds: 0.003 (2² + 0.5²) if the deviation is fitted."""
+    """Means of 3, -1.5 and 0.9 lie 2, 0.5 and 0 beyond the bounds of clipped actions: c (2² + 0.5²)."""
     outside = jnp.array([3.0, -1.5, 0.9])
     latents = jnp.broadcast_to(outside, (4, 3))
 
@@ -59,14 +59,14 @@ def test_means_beyond_the_bounds_cost_the_square_of_their_excess():
         flat = dataclasses.replace(actor.mean_head, weight=jnp.zeros((3, 8)), bias=outside)
         return dataclasses.replace(actor, mean_head=flat), NETWORKS[1]
 
-    def found(deviation, bounds="clip"):
+    def found(coefficient, bounds="clip"):
         pair = networks(bounds)
         frames = dataclasses.replace(batch(), latents=latents, log_probs=log_probs(pair[0], OBSERVATIONS, latents))
-        return loss(pair, frames, dataclasses.replace(CONFIG, deviation=deviation))[0]
+        return loss(pair, frames, dataclasses.replace(CONFIG, excess_coefficient=coefficient))[0]
 
-    assert found("fitted") == pytest.approx(0.003 * 4.25, abs=1e-6)
-    assert found("action") == pytest.approx(0.0, abs=1e-6)
-    assert found("state", "tanh") == pytest.approx(0.0, abs=1e-6)
+    assert found(0.003) == pytest.approx(0.003 * 4.25, abs=1e-6)
+    assert found(0.0) == pytest.approx(0.0, abs=1e-6)
+    assert found(0.003, "tanh") == pytest.approx(0.0, abs=1e-6)
 
 
 def test_gradient_at_ratio_one_is_the_policy_gradient():

@@ -38,10 +38,6 @@ from .state import (
 )
 from .statistics import mean, pair_mean, standardise
 
-EXCESS_COEFFICIENT = 0.003
-"""Weight of how far means lie beyond the bounds of clipped actions. Without it a swimmer's means reach ±7 and σ
-2.5: the entropy grows without bound while the clipped actions stay alike, and some seeds never learn to swim."""
-
 Task = AbstractTask[Any]
 Pair = Float[Array, "2"]
 Pairs = Float[Array, "steps envs 2"]
@@ -219,6 +215,6 @@ def loss(networks: tuple[AnyActor, Critic], frames: Frames, config: Config) -> t
     kl = mean(ratios - 1.0 - log_ratios, frames.weights)
     clip_fraction = mean(jnp.abs(ratios - 1.0) > config.clip_range, frames.weights)
     total = policy_loss + jnp.asarray(config.value_coefficient) @ value_losses
-    if config.deviation == "fitted" and isinstance(policy, BoundedGaussian):
-        total += EXCESS_COEFFICIENT * mean(policy.excess(), frames.weights)
+    if config.excess_coefficient and isinstance(policy, BoundedGaussian) and policy.bounds == "clip":
+        total += config.excess_coefficient * mean(policy.excess(), frames.weights)
     return total, LossMetrics(policy_loss, value_losses[0], value_losses[1], kl, clip_fraction)

@@ -77,8 +77,8 @@ class Config(eqx.Module):
     deviation: Deviation = _word("state", Deviation)
     """What the standard deviation σ of continuous actions is. state: σ depends on the state, and tanh bounds
     actions, as in the paper; action: each action has its own σ and is clipped, as in Stable-Baselines3 and CleanRL;
-    fitted: as action, with means drawn back from beyond the bounds; after the first rollout that shows more than a
-    price of actions, σ is cut to 15 % if large actions cost reward. Discrete actions have no σ."""
+    fitted: as action; after the first rollout that shows more than a price of actions, σ is cut to 15 % if large
+    actions cost reward. Discrete actions have no σ."""
     log_std_init: float = _number(-1.0, -20.0, 2.0)
     """Logarithm of the policy's initial standard deviation (before the bounds)."""
     temperature: float = _number(2.0, 0.0, MAX_NUMBER)
@@ -105,6 +105,9 @@ class Config(eqx.Module):
     off)."""
     value_coefficient: Pair = _number((0.25, 0.125), 0.0, MAX_NUMBER)
     """Weights of both values' losses; Table I has c2 = 0.5 for the second over the first."""
+    excess_coefficient: float = _static(0.0, 0.0, MAX_NUMBER)
+    """Weight of how far means lie beyond the bounds of clipped actions, squared (0: off). Out there all samples are
+    alike, and the entropy grows without bound."""
     terminations: Terminations = _word("reset_cost", Terminations)
     """What a termination means. reset_cost: a new start, at a fixed cost; adaptive_cost: at a cost that holds
     failures at one in 1,000 steps, and none at a goal; bootstrap: as a time limit; end: nothing follows, without
