@@ -54,6 +54,14 @@ def test_one_mapped_torque_keeps_the_logs_other(name, tmp_path):
     np.testing.assert_allclose(found, commands * [name != "duty", 1], atol=1e-9)
 
 
+def test_a_time_that_leaves_no_digits_for_a_period_is_refused(tmp_path):
+    """The clock restarts after it, and later rows would all have its time."""
+    table = TABLE.copy()
+    table[-3, 0] = 1.6e212
+    message = refusal(lambda: read_recording(write(tmp_path / "log.csv", table)))
+    assert message.startswith("log.csv has a time of 1.6e+212 s after its start")
+
+
 def test_quanta_differ_by_joint(tmp_path):
     steps = np.array([QUANTUM, 4.8e-5])
     table = changed([1, 2], lambda angles: np.round(angles / steps) * steps)

@@ -145,7 +145,12 @@ def check_time(name: str, time: Float[np.ndarray, "rows"], title: str, columns: 
 
     The title is the word of ``--columns`` for the time, without a unit; ``columns`` are the words given.
     """
-    period = float(np.median(np.diff(time)))
+    steps = np.diff(time)
+    period = float(np.median(steps))
+    if not steps.all():  # rows after a huge time have the same one, to rounding
+        raise SwingupError(
+            f"{name} has a time of {time[-1]:.3g} s after its start, too large for a period: remove that row"
+        )
     # A time in other units shows as a period that no loop has.
     low, high = USUAL_PERIODS
     unit = next((each for each, size in UNITS["time"].items() if low <= period * size <= high), "s")
