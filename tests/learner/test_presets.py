@@ -51,6 +51,7 @@ WITHOUT_EFFECT = {
     "reset_cost": {"preset": "ppo"},
     "gain_step_size": {},
     "schedule_frames": {"schedule": "constant"},
+    "excess_coefficient": {"deviation": "state"},
 }
 
 

@@ -162,6 +162,7 @@ HYPERPARAMETERS: dict[str, Any] = {field.name: field for field in dataclasses.fi
 NEEDED = {
     "reset_cost": ("terminations", ("reset_cost", "adaptive_cost")),
     "gain_step_size": ("gain", ("advantage",)),
+    "excess_coefficient": ("deviation", ("action", "fitted")),
     "schedule_frames": ("schedule", ("anneal", "anneal_entropy", "anneal_lambda")),
 }
 """Hyperparameters that have an effect only with some words of another."""
