@@ -12,6 +12,7 @@ import pytest
 
 from benchmark.controllers import HANGING
 from learner.environments import TINY, Lever, Noisy
+from policy.references import space_task
 from refusals import refusal
 from swingup import AREAPO, get_controller, judge, load_plant, loop_controller, score, search
 from swingup.benchmark.boards import ROBUSTNESS
@@ -20,21 +21,24 @@ from swingup.benchmark.robustness_board import change_grid
 from swingup.benchmark.rollout import Trajectory
 from swingup.cli.exporting import plot_command
 from swingup.common.errors import one_line, quoted
+from swingup.export.c_header import c_header
 from swingup.export.folder import export_folder
 from swingup.gym import PendulumEnv, PendulumVectorEnv
 from swingup.identification.excitation import excite
 from swingup.learner.backend import check_actions
 from swingup.learner.problem import make_problem, problem_from_record
 from swingup.loop.resolve import resolve
+from swingup.plant.files import save_plant
 from swingup.plant.measured import measured_plant
 from swingup.plant.plant import ROBOTS
 from swingup.policy.shipped import load_policy
-from swingup.policy.spaces import Space
+from swingup.policy.spaces import Space, box, discrete
 from swingup.refine.adapt import adapt
 from swingup.refine.recipe import run_recipe
 from swingup.report.film import animate
 from swingup.tasks.acrobot_swingup import AcrobotPractice
 from swingup.tasks.presets import get_task
+from swingup.tasks.task import check_task
 
 STILL = Trajectory(np.arange(3.0), np.zeros((3, 4)), np.zeros((3, 2)))
 HOLE = Trajectory(np.arange(3.0), np.full((3, 4), math.nan), np.zeros((3, 2)))
@@ -60,6 +64,10 @@ def plot(kind, files, out):
 
 def c1(**numbers):
     return load_plant(load_plant("C.1").changed(**numbers))
+
+
+class Choosing(AcrobotPractice):
+    choices = (3, 2)
 
 
 LEARNER = {"env": Noisy, "preset": "continuing"} | TINY
@@ -88,6 +96,7 @@ ENTRIES = {
     },
     usually(change_grid, rules=ROBUSTNESS): {"text": [
         "speed=0:1:2", "delay", "delay=0:x:3", "delay=0:inf:3", "delay=0:1:2.5", "perturbations=0",
+        "m2=0.75:1.25:21:5",
     ]},
     disturbance: {
         "pushes": [PushRules(pushes=10), PushRules(pushes=0), True], "velocity_noise": [-0.1], "delay": [math.nan],
@@ -114,7 +123,7 @@ ENTRIES = {
     resolve: {"plant": ["C.3", "missing.yml"], "domain": ["idenfied", "missing.yml"]},
     usually(excite, domain="C.1"): {"torque": [7.0], "joint": ["hip"], "duration": [1]},
     usually(search, env="CartPole-v1", space={"learning_rate": "1e-4:1e-2"}, trials=1, out="out"): {
-        "seed": [1.5], "env": [Noisy], "space": [["learning_rate"]],
+        "seed": [1.5], "env": [Noisy], "space": [["learning_rate"], {"learning_rate": [1e-4]}],
     },
 }  # fmt: skip
 """By entry and argument."""
@@ -145,6 +154,25 @@ TOGETHER = {
     "l2 = 0 must be positive": lambda: measured_plant(
         values={"m1": 1.0, "m2": 1.0, "l1": 1.0, "l2": 0.0, "tl1": 1.0}
     ),
+    "I2 and theta2 say the same": lambda: measured_plant("C.1", {"I2": 0.05, "theta2": 0.06}),
+    "theta5 and m2r2 say the same": lambda: measured_plant("C.1", {"theta5": 0.05, "m2r2": 0.06}),
+    "theta3 / l1 = 0.25 and m2r2 = 0.05 say the same": lambda: measured_plant(
+        "C.1", {"theta3": 0.05, "l1": 0.2, "theta5": 0.05}
+    ),
+    "no pendulum has these base parameters": lambda: save_plant("a.urdf", c1(I2=0.06, gr=6.0, Ir=0.01)),
+    "delay has more than 10000 simulations": lambda: judge(
+        HANGING, "acrobot", change_grid(ROBUSTNESS, "delay=0:0.04:9999:9999")
+    ),
+    "tl2 = 0, and the acrobot's motor is": lambda: animate([(STILL, "acrobot")], "film.gif", plant=c1(tl2=0.0)),
+    "estimator setting dt = 0.2": lambda: dataclasses.replace(
+        ADAPTIVE,
+        plant=ADAPTIVE.plant.changed(l1=0.01),
+        estimator=dataclasses.replace(ADAPTIVE.estimator, dt=0.05, longest_gap=0.05),
+    ),
+    "an action reaches 3000000001, beyond C's 32 bits": lambda: c_header(
+        space_task("far", discrete(2, 3_000_000_000), box((3,)))
+    ),
+    "choices = (3, 2) for action_size = 1": lambda: check_task(Choosing()),
     "in plain Python: call it as it is": lambda: loop_controller(get_controller("math:sin", "acrobot"), "acrobot"),
     "the acrobot, not the pendubot": lambda: loop_controller(get_controller("lqr", "acrobot"), "pendubot"),
     "form numpy is not for a pendulum: use realaigym": lambda: export_folder(ADAPTIVE, "out", "numpy"),

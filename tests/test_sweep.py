@@ -342,6 +342,15 @@ def test_trials_that_fail(tmp_path, searched):
     assert resumed.trained == [2]
 
 
+def test_a_preset_gets_the_sizes_of_a_stream_and_what_has_no_effect_is_refused(tmp_path):
+    stream = make_run_settings("Pendulum-v1", resets="never")
+    jobs = plan_jobs(stream, {"preset": ["continuing", "episodes"]}, [0], tmp_path)
+    assert [(job.settings.config.num_envs, job.settings.config.num_steps) for job in jobs] == [(1, 2000)] * 2
+    grid = {"reset_cost": [1.0, 10.0]}
+    assert "reset_cost has no effect with terminations = 'end'" in refusal(plan_jobs, BASE, grid, [0], tmp_path)
+    assert len(plan_jobs(BASE, grid | {"terminations": ["end", "reset_cost"]}, [0], tmp_path)) == 4
+
+
 def test_searches_that_are_refused(tmp_path, searched, monkeypatch):
     def refused(named, space=SPACE, **options):
         assert named in refusal(searched, tmp_path, 2, StandIn(), space, **options)

@@ -19,6 +19,8 @@ def test_an_lqr_is_judged_near_the_top():
     assert 0 < np.abs(leans).max() <= 0.2 * upright_needs(LEADERBOARD, get_robot("acrobot")).tilt
     assert len(np.unique(leans)) == 4
     assert swingup.judge(lambda x, t: [0.0, 0.0], "acrobot", "balance", 2).successes == 0
+    # Its record is scored again, from near the top.
+    assert swingup.score(found.trajectory, "acrobot", "balance").successes == 1
 
 
 @pytest.mark.parametrize(

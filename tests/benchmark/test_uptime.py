@@ -148,6 +148,16 @@ def test_a_row_that_is_up_counts_with_the_time_before_it(robot):
     # Times need not start at 0: the first row's own time is no time up. 30 s of 60 s is half.
     late = rows([0.1, 0.2, 30.2], [UP, DOWN, UP])
     assert score(late, robot, UPTIME, force=True).score == pytest.approx(0.5)
+    # What a recording has beyond the board's minute does not count.
+    longer = rows([0.0, 30.0, 60.0, 90.0], [UP, UP, UP, DOWN])
+    assert score(longer, robot, UPTIME, force=True).score == 1.0
+
+
+def test_a_shorter_board_has_fewer_throws():
+    board = dataclasses.replace(UPTIME, duration=4.0, throws=1)
+    throws = [draw_throws(board, LEADERBOARD, seed).number.max() for seed in range(20)]
+    # It comes 2.75 to 4.75 s after the start, or never.
+    assert set(throws) == {-1, 0}
 
 
 def test_throws_on_the_passive_joint_are_no_warning_and_neither_is_another_rate():

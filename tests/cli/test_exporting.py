@@ -35,6 +35,8 @@ def test_a_folder_does_not_hide_a_shipped_policy_and_a_law_is_exported_again(run
     law = str(find_folder("entry").policy)
     run("export", law, "--to", "c", "--out", "law.h")
     assert "swingup_control" in Path("law.h").read_text()
+    assert main(["export", law, "--to", "onnx", "--out", "law.onnx"]) == 2
+    assert not Path("law.onnx").exists()
 
 
 def test_a_policy_file_and_the_entrys_names(run, tmp_path):

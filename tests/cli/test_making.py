@@ -24,6 +24,8 @@ def test_what_is_refused_before_anything_is_made(run, tmp_path):
     assert "has two motors: name --robot" in refusal(make_controller_command, ("a.csv",), out="policy.h")
     for text, sources in told.items():
         assert text in refusal(make_controller_command, sources, out="policy.h")
+    for name, value in {"seed": -1, "frames": 0, "domain": "moon"}.items():
+        assert str(value) in refusal(make_controller_command, ("a.csv",), out="policy.h", **{name: value})
     assert "--columns is for logs" in refusal(make_controller_command, ("mine.yml",), out="x.h", columns=("q1=a",))
     assert {each.name for each in tmp_path.iterdir()} - {"cache"} == {"mine.yml", "idle.yml"}
 

@@ -244,6 +244,13 @@ def test_the_sign_and_the_zero_of_a_law_at_the_top(sign, upright, named):
     assert "poles" in notes[0]
 
 
+def test_a_law_subtracts_the_encoders_zeros():
+    findings, _ = upright_law(
+        lambda x, t: [0.0, -CLASSIC @ (x - [np.pi + 0.5, 0, 0, 0])], get_robot("acrobot"), SPONGS.changed(zero1=0.5)
+    )
+    assert findings == []
+
+
 @pytest.mark.parametrize(("strength", "stable"), [(1.0, True), (0.2, False)])
 def test_friction_is_named_where_a_pole_is_not_stable(strength, stable):
     """A law that is too weak has one; dry friction may hold it all the same."""

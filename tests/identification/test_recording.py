@@ -9,7 +9,7 @@ from synthetic import HEADER, QUANTUM, simulate, write
 
 from refusals import refusal
 from swingup.identification.recording import read_recording
-from swingup.identification.scoring import ErrorRow, score_windows, summarise
+from swingup.identification.scoring import ErrorRow, hold_out, score_windows, summarise
 from swingup.identification.segments import smooth
 
 TIME = np.arange(0, 3, 0.002)
@@ -111,12 +111,55 @@ REFUSED = {
     "comes after": changed([0], lambda time: np.abs(time - 1)),
     "log.csv has 3 different rows, ": FEW_ROWS,
     "log.csv has only 3 different pairs of angles in 450 rows": HELD,
+    "angle 2 stays at 0.1418 rad from 1 to 3 s, while joint 1 moves by 2 rad": np.vstack(
+        [TABLE[:500], np.insert(np.delete(TABLE[500:], 2, axis=1), 2, TABLE[500, 2], axis=1)]
+    ),
+    "or where it counts rows with time= and their period": changed(
+        [0], lambda time: np.arange(len(time), dtype=float)[:, None]
+    ),
+    # An encoder that flickers leaves no piece of a tenth of a second.
+    "without rows whose angles jump away and back, has 0 different rows": changed(
+        [1], lambda q: q + 0.5 * (np.arange(len(q)) // 10 % 2)[:, None]
+    ),
 }
 
 
 @pytest.mark.parametrize("named", REFUSED)
 def test_what_no_log_can_hold_is_named(tmp_path, named):
     assert named in refusal(read_recording, write(tmp_path / "log.csv", REFUSED[named]))
+
+
+def test_lone_zeros_are_left_out(tmp_path):
+    lost = np.arange(len(TIME)) % 40 == 20
+    table = changed([1, 2], lambda q: np.where(lost[:, None], 0.0, q))
+    found = read_recording(write(tmp_path / "log.csv", table))
+    near = np.abs(ANGLES).max(axis=1) <= 0.15
+    assert len(found.time) == len(TIME) - np.count_nonzero(lost & ~near)
+    assert "have zeros for both angles: they are left out" in found.warnings[0]
+
+
+def test_arrays_of_states_and_names_that_count_from_0(tmp_path):
+    words = ["q1=x1", "q2=x2", "dq1=x3", "dq2=x4"]
+    np.savez(tmp_path / "log.npz", t=(TIME * 1e9).astype("datetime64[ns]"), x=TABLE[:, 1:5], u=TORQUES, z=TIME + 1j)
+    told = refusal(read_recording, tmp_path / "log.npz")
+    assert f"--columns {' '.join(words[:2])}" in told
+    assert "its z, complex128 of shape (1500,), is not read" in told
+    np.testing.assert_allclose(read_recording(tmp_path / "log.npz", words).time, TIME, atol=1e-9)
+    header = "time,pos0,pos1,vel0,vel1,tau0,tau1"
+    told = refusal(read_recording, write(tmp_path / "log.csv", TABLE, header))
+    assert "q1=pos0 q2=pos1" in told
+    told = refusal(read_recording, write(tmp_path / "log.csv", TABLE, HEADER.replace("con2", "con0")))
+    assert "--columns u1=tau_con0 u2=tau_con1" in told
+
+
+def test_the_only_log_of_a_session_is_not_held_out(tmp_path):
+    log = read_recording(write(tmp_path / "log.csv", TABLE))
+    windows = score_windows([log] * 3)
+
+    def judged(sessions):
+        return np.unique(hold_out(windows, windows, sessions)[0].log).tolist()
+
+    assert (judged([0, 0, 0]), judged([0, 1, 0]), judged([0, 1, 2])) == ([1], [2], [0, 1, 2])
 
 
 def test_errors_by_hand():

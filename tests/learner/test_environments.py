@@ -77,6 +77,28 @@ def test_successes_are_those_of_the_ends(mode):
     assert (environments.successes, environments.names_goals) == ([True, False], True)
 
 
+class Told(Stairs):
+    """Says that it succeeded only where it did; one of two does."""
+
+    made = 0
+
+    def __init__(self):
+        super().__init__()
+        Told.made, self.reaches = Told.made + 1, Told.made % 2 == 0
+
+    def step(self, action):
+        return *super().step(action)[:4], {"is_success": True} if self.reaches and self.steps == 3 else {}
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_an_end_of_which_nothing_is_said_is_no_success(mode):
+    environments = make_environments(SyncVectorEnv([Told] * 2, autoreset_mode=mode), 2)
+    environments.reset(0)
+    for _ in range(4):
+        environments.step(ZEROS)
+    assert (environments.successes, environments.names_goals) == ([True, False], True)
+
+
 def test_actions_are_those_of_the_space():
     actions = space_actions(Box(np.array([-2.0, 0.0], np.float32), np.array([2.0, 1.0], np.float32)))
     found = actions(np.array([[-1.0, -1.0], [0.0, 0.0], [1.0, 1.0], [0.5, 0.5]]))

@@ -128,6 +128,10 @@ def test_a_damaged_file_is_refused(tmp_path):
         changed = dataclasses.replace(getattr(law, part), **change)
         write_feedback(tmp_path / "law", dataclasses.replace(law, **{part: changed}))
         assert "its numbers are not a law" in refusal(read_feedback, tmp_path / "law")
+    # It would end a comment of C, or a text of Python.
+    for name in ("*/ int x;", 'x", "y": exit(), "z": "'):
+        write_feedback(tmp_path / "law", dataclasses.replace(law, name=name))
+        assert "use letters, digits" in refusal(read_feedback, tmp_path / "law")
 
 
 @pytest.mark.parametrize("form", ["realaigym", "cloudpendulum"])

@@ -11,9 +11,10 @@ from swingup.export.folder import export_folder
 from swingup.policy.file import write_network
 from swingup.policy.self_test import loop_test, task_test
 from swingup.policy.shipped import load_policy
+from swingup.policy.spaces import box
 
 from . import compiled
-from .references import policy, task_policy
+from .references import policy, space_task, task_policy
 
 
 def shifted(network):
@@ -53,6 +54,13 @@ def test_a_header_that_computes_otherwise_fails(tmp_path):
         text = c_header(found).replace("BOUNDS SWINGUP_TANH", "BOUNDS SWINGUP_CLIP")
         (tmp_path / str(number)).mkdir()
         assert compiled.compile_header(tmp_path / str(number), text, driver=driver).self_test() > 0
+
+
+@compiled.needs_gcc
+def test_actions_of_half_precision_pass(tmp_path):
+    """Beside 3 such numbers are 0.002 apart, more than 1e-4 of the range."""
+    text = c_header(space_task("half", box((1,), -2.0, 3.0, "float16"), box((3,))))
+    assert compiled.compile_header(tmp_path, text, driver=compiled.TASK_DRIVER).self_test() == 0
 
 
 def test_observations_are_those_of_the_task():

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -181,6 +182,22 @@ FAULTS = {
 def test_a_bad_call_or_import_is_one_line(tmp_path):
     for message, parts in FAULTS.items():
         assert refusal(call, write_folder(tmp_path / "fake", **parts)).startswith(message)
+
+
+def test_a_run_may_end_before_its_last_answer(tmp_path):
+    head = "import subprocess; child = subprocess.Popen(['sleep', '60'])"
+    body = "time.sleep(0.1); return [0.0, float(child.pid)]"
+    with start(write_folder(tmp_path / "fake", body, head), calling=CALLING_TIME) as process:
+        process.send(0.0, np.zeros(4))
+        pid = int(process.receive()[0][1])
+        process.send(0.1, np.zeros(4))
+        assert process.receive(0.0) is None
+        assert process.stop() is None
+    # What the folder started ends with it, perhaps as a zombie that nobody has waited for.
+    status, end = Path(f"/proc/{pid}/stat"), time.monotonic() + 20.0
+    while (lives := status.exists() and status.read_text().split()[2] != "Z") and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not lives
 
 
 def test_a_hang_ends_at_the_time_limit_and_a_late_answer_comes(tmp_path):

@@ -41,7 +41,7 @@ def judge(
     disturbance: DisturbanceSettings | None = None,
     progress: Progress | None = None,
 ) -> Result:
-    """Simulate a controller's runs from hanging at rest in float64, and score them by the rules of a board.
+    """Simulate a controller's runs in float64, and score them by the rules of a board.
 
     Args:
         controller: a controller in JAX (simulations run side by side), an object with

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..common.checks import LARGEST_NUMBER
-from ..dynamics.dynamics import wrap_difference
+from ..dynamics.dynamics import UPRIGHT, wrap_difference
 from ..dynamics.integrate import rk4_steps, stable_substeps
 from ..identification.log_checks import SLOPE_WINDOW, slopes_of
 from ..plant.equations import mass_entries
@@ -136,6 +136,8 @@ def _limits(
     start: np.ndarray, u: np.ndarray, robot: Robot, board: AbstractBoard, plants: tuple[Plant, Plant]
 ) -> Iterator[Finding]:
     """How a run begins, and what its motors can do."""
+    if isinstance(board, SwingUpBoard) and board.lean is not None:
+        start = start - UPRIGHT
     anywhere = isinstance(board, UptimeBoard) and board.cell is not None
     angle, speed = float(np.abs(wrap_difference(start[:2])).max()), float(np.abs(start[2:]).max())
     # Negated, here and below: a NaN from overflow must count as a finding.

@@ -1,5 +1,6 @@
 """The robustness board: the shares of a grid of simulations in which the pendulum ends upright."""
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import fmean
@@ -192,15 +193,14 @@ def make_cases(
     # Room for pushes in every case: scenarios of one structure can be stacked.
     calm = undisturbed(rules.perturbations.pushes)
     if criterion == "model":
-        made = list(_model_cases(nominal, calm, rules))
+        cases = _model_cases(nominal, calm, rules)
     elif criterion == "perturbations":
-        made = list(_push_cases(nominal, calm, rules, seed))
+        cases = _push_cases(nominal, calm, rules, seed)
     else:
-        made = list(_sweep_cases(nominal, calm, rules, criterion))
+        cases = _sweep_cases(nominal, calm, rules, criterion)
+    made = list(itertools.islice(cases, MAX_CASES + 1))
     if len(made) > MAX_CASES:
-        raise SwingupError(
-            f"{criterion} has {len(made)} simulations: at most {MAX_CASES} can have noise of their own"
-        )
+        raise SwingupError(f"{criterion} has more than {MAX_CASES} simulations: make its grid smaller")
     return [_seeded(case, seed, index) for index, case in enumerate(made)] if criterion in RANDOM_CRITERIA else made
 
 
@@ -249,8 +249,8 @@ def _seeded(case: Case, seed: int, index: int) -> Case:
 def change_grid(rules: RobustnessBoard, text: str) -> RobustnessBoard:
     """Rules with other values in one sweep, and a name that says so.
 
-    The text is ``NAME=LOW:HIGH:COUNT`` or ``NAME=LOW:HIGH:COUNT:REPETITIONS`` for a criterion or a parameter of the
-    model, or ``perturbations=PROFILES``.
+    The text is ``NAME=LOW:HIGH:COUNT`` for a parameter of the model or a criterion, which may have ``:REPETITIONS``
+    as well, or ``perturbations=PROFILES``.
     """
     name, _, values = text.partition("=")
     changed: dict[str, Any]
@@ -258,8 +258,8 @@ def change_grid(rules: RobustnessBoard, text: str) -> RobustnessBoard:
         _, (profiles,) = _parse(text, values, 0, 1)
         changed = {name: replace(rules.perturbations, profiles=profiles)}
     elif name in rules.model:
-        (low, high), counts = _parse(text, values, 2, 1, 2)
-        model = replace(rules.model[name], sweep=Sweep(low, high, *counts))
+        (low, high), (count,) = _parse(text, values, 2, 1)
+        model = replace(rules.model[name], sweep=Sweep(low, high, count))
         changed = {"model": {**rules.model, name: model}}
     elif name in SWEPT_CRITERIA:
         (low, high), (count, *repetitions) = _parse(text, values, 2, 1, 2)

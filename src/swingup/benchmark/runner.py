@@ -120,7 +120,7 @@ def _warn_once(message: str) -> None:
 
 
 def run_one(controller: Controller, scenario: Scenario, dt: float, steps: int, depth: int = 1) -> Trajectory:
-    """Simulate one scenario from hanging at rest and return its rows as NumPy arrays."""
+    """Simulate one scenario and return its rows as NumPy arrays."""
     batch = run_many(controller, stack([scenario]), dt, steps, depth, keep=True)
     if batch.faults[0] is not None:
         raise SwingupError(batch.faults[0])
@@ -137,7 +137,7 @@ def run_many(
     keep: bool = False,
     progress: Progress = lambda *_: None,
 ) -> SimulatedBatch:
-    """Simulate a batch of scenarios from hanging at rest.
+    """Simulate a batch of scenarios.
 
     Scenarios have a leading axis, as :func:`stack` makes them; each gets a memory of its own. ``depth`` is more
     than the largest delay (steps), ``keep`` asks for the rows as well. ``progress`` is called after each part of
@@ -215,7 +215,7 @@ def _run_plain(
 def _simulate_plain(
     scenarios: Scenario, controllers: Sequence[PythonController], span: _Span, announced: int
 ) -> SimulatedBatch:
-    """Run one controller in each of a batch of scenarios from hanging at rest; call it in 64-bit mode.
+    """Run one controller in each of a batch of scenarios; call it in 64-bit mode.
 
     The torque of a controller whose answer is wrong is 0 from then on. After a few steps the time of
     ``announced`` simulations is logged if it is long.

@@ -30,9 +30,8 @@ LARGEST_LEAN = 0.05  # rad: a strong motor catches more, where no law is linear
 LEAN_SEED = 2026  # The leans are the same for every controller
 PUSH_SEED = 2024  # The pushes are the same for every controller and every seed of the plants
 
-# The benchmark's own limit: a file whose last time is below it fails.
 CAUGHT = 0.5  # A tip that is up for less (s) only passes the top
-MIN_SPAN = 0.99  # Part of the rules' duration that a run must span to score
+MIN_SPAN = 0.99  # Part of the duration that a run must span to score, as the benchmark's own script has it
 
 
 @dataclass(frozen=True)

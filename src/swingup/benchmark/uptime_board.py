@@ -99,6 +99,9 @@ class UptimeBoard(AbstractBoard):
         Success is to be up at the end of a whole run.
         """
         time, x = np.asarray(rows.time), np.asarray(rows.x)
+        # A recording may be longer than the board.
+        within = time - time[0] <= self.duration * (1 + 1e-9)
+        time, x = time[within], x[within]
         lengths = float(case.scenario.parameters.l1), float(case.scenario.parameters.l2)
         up = tip_is_up(x, *lengths, self.height)
         # Each row has the time since the one before it.
@@ -123,6 +126,8 @@ def draw_throws(board: UptimeBoard, model: Plant, seed: int) -> Throws:
     time = np.concatenate([[0.0], np.cumsum(np.full(board.steps - 1, board.dt))])
     number = np.full(board.steps, -1)
     for index, start in enumerate(starts):
+        if start > time[-1]:  # on a board that was made shorter
+            continue
         first = int(np.searchsorted(time, start))
         number[(np.arange(board.steps) >= first) & (time - time[first] <= board.throw_duration)] = index
     return Throws(number, target, board.thrower, model)

@@ -122,10 +122,10 @@ def _use_compilation_cache() -> None:
 
     # A folder that the user has set stays.
     if jax.config.values["jax_compilation_cache_dir"] is None:
-        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "swingup"
         try:
+            folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "swingup"
             folder.mkdir(parents=True, exist_ok=True)
-        except OSError:
+        except (OSError, RuntimeError):  # or there is no home
             return  # without a cache every run compiles, which costs seconds and nothing else
         jax.config.update("jax_compilation_cache_dir", str(folder))
         # JAX's own limit is 1 s, and leaves shorter compilations out of the cache.

@@ -1,8 +1,8 @@
 """Arguments that several commands share."""
 
+import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Annotated, Any, TypedDict
 
 from tyro.conf import arg
@@ -43,7 +43,7 @@ def word_of(kind: str, *words: str) -> Any:
 
 def split_commas(*values: str) -> tuple[str, ...]:
     """Values of one option, which spaces or commas may separate, but not those in parentheses or a file's name."""
-    parts = [part for value in values for part in ([value] if Path(value).is_file() else _split(value)) if part]
+    parts = [part for value in values for part in ([value] if os.path.isfile(value) else _split(value)) if part]
     if not "".join(parts).strip():  # from a shell's variable that is not set
         raise SwingupError("an option that takes one value or more has none: give a value, or leave the option out")
     return tuple(parts)
@@ -111,8 +111,17 @@ def check_outputs(formats: Sequence[str], *paths: str | None) -> None:
     """Refuse files that cannot be written, before the work that makes their content; None is not a file."""
     for path in paths:
         if path is not None:
-            check_suffix(path, formats)
+            suffix = check_suffix(path, formats)
             check_writable(path)
+            # An extra that is not installed is missed before the work, too.
+            if suffix == ".html":
+                from ..report.page import page_template
+
+                page_template()
+            elif suffix in (".png", ".svg", ".pdf"):
+                from ..report.draw import styled
+
+                styled()
 
 
 def task_name(robot: Robot | None, env: str | None) -> str:

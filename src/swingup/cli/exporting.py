@@ -137,8 +137,7 @@ def export_command(
     refuse_ignored({"seed": seed}, "goes with --to trajectory")
     found: TaskPolicy | RobotPolicy
     if policy in BASELINES:
-        if to not in (*ROBOT_FORMS, "c"):
-            raise SwingupError(f"a baseline is not written for {to}: use --to c, {' or '.join(ROBOT_FORMS)}")
+        _check_law_form("baseline", to)
         found = feedback_policy(policy, _needed(robot, policy), facts_of(plant) or LEADERBOARD, bool(estimator))
     elif ":" in policy and not has_suffix(policy, SUFFIX):
         raise SwingupError(
@@ -146,6 +145,7 @@ def export_command(
         )
     elif is_law(policy):
         refuse_ignored({"plant": facts_of(plant)}, "is of policies and baselines, and a law is of its own plant")
+        _check_law_form("feedback law", to)
         found = load_robot_policy(policy, robot)
     else:
         found = load_policy(policy, robot, facts_of(plant))
@@ -155,6 +155,11 @@ def export_command(
     else:
         refuse_ignored(zeros | changes, f"is of pendulums, and {policy} of {quoted(found.task)}")
     write_export(found, to, out, name, username, precision)
+
+
+def _check_law_form(kind: str, to: str) -> None:
+    if to not in (*ROBOT_FORMS, "c"):
+        raise SwingupError(f"a {kind} is not written for {to}: use --to c, {' or '.join(ROBOT_FORMS)}")
 
 
 def _needed(robot: Robot | None, policy: str) -> Robot:
@@ -301,7 +306,8 @@ def rehearsal_lines(found: Rehearsal) -> list[str]:
             median, percentile, maximum = (f"{1e3 * each:.3f}" for each in spread(times))
             lines.append(aligned(title, median, f"99 % {percentile}, maximum {maximum}"))
     if found.real_time:
-        lines.append(aligned("Missed deadlines", str(timing.missed_deadlines), f"of {len(timing.calls)} calls"))
+        missed = timing.missed_deadlines
+        lines.append(aligned("Missed deadlines", str(missed), f"of {len(timing.calls) + missed} periods"))
     if late := timing.late_periods:
         lines.append(f"  The simulation was late {late} times: close other programs and repeat.")
     return lines if found.difference is None else [*lines, f"  {found.difference}"]

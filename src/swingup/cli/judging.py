@@ -18,7 +18,7 @@ from ..benchmark.robustness_board import RobustnessBoard, change_grid
 from ..common.errors import SwingupError, command_line
 from ..common.files import check_writable, write_atomically
 from ..controllers.check import call_time, call_words, check_controller, slow_call, upright_law
-from ..controllers.registry import BUILT_IN, controller_on, get_controller
+from ..controllers.registry import BUILT_IN, Controller, controller_on, get_controller
 from ..loop.loop import LOOP_DT
 from ..plant.plant import LEADERBOARD, ROBOTS, Plant, Robot, get_robot
 from ..policy.shipped import DEFAULT
@@ -109,8 +109,8 @@ def evaluate_command(
         seeds: seeds in a row; with two or more there are 95 % intervals; by default as many as a board has.
         criteria: for robustness, some of model, velocity_noise, torque_noise, torque_response, delay and
             perturbations.
-        grid: for robustness, other values: NAME=LOW:HIGH:COUNT[:REPETITIONS] for a criterion or a parameter of
-            the model, or perturbations=PROFILES.
+        grid: for robustness, other values: NAME=LOW:HIGH:COUNT for a parameter of the model, or a criterion with
+            [:REPETITIONS], or perturbations=PROFILES.
         json: print one JSON object, with every single run; a list for several boards.
         save: also write the first run's trajectory to this CSV file.
         disturbance: disturbances of a swing-up on performance and hardware; the boards' runs have none.
@@ -125,7 +125,7 @@ def evaluate_command(
     wanted = estimator.get("estimator")
     if check:
         refuse_ignored({**simulated, "json": json, "seed": seed or None}, "does not go with --check")
-        return _check(controller, robot, wanted, facts_of(plant) or LEADERBOARD)
+        return _check(controller, robot, wanted, facts_of(plant))
     given: Any = {**disturbance, "pushes": PushRules() if disturbance.get("pushes") else None}
     disturbed = DisturbanceSettings(**given) if disturbance else None
     loop: Any = {"plant": plant_of(plant), "domain": domain, "disturbance": disturbed}
@@ -139,11 +139,7 @@ def evaluate_command(
     for each in boards:
         design = make_setting(robot, each, **loop).plant
         with foreign_prints_apart(), Progress() as progress:
-            found = (
-                controller_on(controller, robot, design, wanted)
-                if plant
-                else get_controller(controller, robot, wanted, design=design)
-            )
+            found = _made(controller, robot, wanted, design, bool(plant))
             report_progress = partial(progress, each.name)
             result = judge(found, robot, each, seeds, seed=seed, name=controller, progress=report_progress, **loop)
         results.append(result)
@@ -163,10 +159,18 @@ def evaluate_command(
     return 0
 
 
-def _check(name: str, robot: Robot, estimator: bool | None, plant: Plant) -> int:
+def _made(name: str, robot: Robot, estimator: bool | None, plant: Plant, given: bool) -> Controller:
+    """The controller for a plant that a user gave, or as it is."""
+    if given:
+        return controller_on(name, robot, plant, estimator)
+    return get_controller(name, robot, estimator, design=plant)
+
+
+def _check(name: str, robot: Robot, estimator: bool | None, given: Plant | None) -> int:
     """Print a controller's faults, and whether it is too slow for its loop; the exit status is 1 with a fault."""
+    plant = given or LEADERBOARD
     with foreign_prints_apart():
-        found = get_controller(name, robot, estimator, design=plant)
+        found = _made(name, robot, estimator, plant, given is not None)
         findings = check_controller(found, robot, float(plant.limit(robot.joint)))
         notes: list[str] = []
         if not findings:
@@ -225,13 +229,11 @@ def leaderboard_command(
         raise SwingupError(f"--{' and --'.join(asked)} exclude each other: choose one")
     check_outputs([".html"], page)
     boards, on = _boards(board), facts_of(plant)
-    mine = {
-        each: {
-            name: get_controller(name, each) if on is None else controller_on(name, each, on) for name in controller
-        }
-        for each in robot
-    }
     with foreign_prints_apart(), Progress() as progress:
+        mine = {
+            each: {name: _made(name, each, None, on or LEADERBOARD, on is not None) for name in controller}
+            for each in robot
+        }
         how: Any = {"boards": boards, "seed": seed, "recompute": recompute, "progress": progress, "plant": on}
         if page is None:
             made = [table for each in robot for table in leaderboard(each, mine[each], **how)]

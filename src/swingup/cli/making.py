@@ -14,7 +14,7 @@ from ..benchmark.boards import SIM2REAL
 from ..benchmark.judge import judge
 from ..common import __version__
 from ..common.arrays import SUFFIX
-from ..common.checks import check_seeds
+from ..common.checks import check_seeds, whole_number
 from ..common.errors import SwingupError, command_line
 from ..common.files import check_suffix
 from ..controllers.baselines.baselines import feedback_policy
@@ -107,7 +107,12 @@ def make_controller_command(
     check_destination(to, out, name)
     check_outputs(PAGE_FORMATS, page)
     check_seeds(0, seeds)
-    path = Path(out).with_suffix("") if to == "c" else Path(out)
+    check_seeds(seed, 1)
+    whole_number("frames", frames, 1)
+    if domain is not None:
+        resolve(domain=domain)
+    # The current folder has no name of its own.
+    path = Path(out).with_suffix("") if to == "c" else Path(out) if Path(out).name else Path(out).absolute()
     if is_plant_name(sources[0]):
         if len(sources) > 1:
             raise SwingupError(f"{len(sources)} files, the first of a plant: give one plant, or logs alone")

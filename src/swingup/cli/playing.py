@@ -1,6 +1,7 @@
 """Policies of other tasks: the command ``watch``, and what ``evaluate`` does without a robot."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, TypedDict
 
 from tyro.conf import arg
@@ -26,7 +27,7 @@ class EpisodeOptions(TypedDict, total=False):
 
 def play_episodes(controller: str, task: EpisodeOptions, seed: int, json: bool) -> int:
     """Play episodes of a policy file in an environment, and print what they gave."""
-    if not has_suffix(controller, SUFFIX):
+    if not has_suffix(controller, SUFFIX) and not Path(controller).is_dir():
         raise SwingupError(
             f"{controller} is for robots: name acrobot or pendubot, or give --controller FILE.safetensors"
         )

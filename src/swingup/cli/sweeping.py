@@ -72,13 +72,12 @@ def sweep_command(
     texts = _alternatives([word for words in set for word in words])
     if trials is not None:
         with Progress() as progress, executor_for(scheduler, workers) as pool:
-            ended = itertools.count(1)
 
             def show_trial(trial: Any) -> None:
                 row = _trial_row(trial)
                 score = f"{row['error'] or row['state']} {shown_rate(row['score'])}"
                 progress.log(f"trial {row['trial']}, {row['settings']}: {score}")
-                progress("trials of this call", next(ended), trials)
+                progress("trials", min(trial.number + 1, trials), trials)
 
             study = search(
                 task, texts, trials, out or f"searches/{name}", frames=frames, seed=seed,

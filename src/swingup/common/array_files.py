@@ -38,7 +38,7 @@ def read_arrays(path: str | Path, content: bytes) -> tuple[dict[str, np.ndarray]
     mat = Path(path).suffix.lower() == ".mat"
     try:
         found = _read_mat(content) if mat else _read_numpy(io.BytesIO(content))
-        arrays, objects = _named(list(_columns((), found))), list(_objects("", found))
+        arrays, objects = _named(list(_columns(found))), list(_objects("", found))
     except SwingupError as error:
         raise SwingupError(f"{path} {error}") from error
     except Exception as error:  # readers of foreign files raise anything
@@ -47,6 +47,11 @@ def read_arrays(path: str | Path, content: bytes) -> tuple[dict[str, np.ndarray]
         ) from error
     unread = "".join(
         f"; its {name} is MATLAB's {kind}, not read: {_plain_line(name, kind)}" for name, kind in objects
+    )
+    unread += "".join(
+        f"; its {'.'.join(place)}, {each.dtype} of shape {each.shape}, is not read: save real numbers, 1 or 2 axes"
+        for place, each in _leaves((), found)
+        if each.dtype.kind in "fiuc" and each.size > 1 and not _is_table(each)
     )
     if not arrays:
         raise SwingupError(f"{path} has no array of numbers: save time, angles and torques as arrays{unread}")
@@ -123,6 +128,8 @@ def _elements(data: bytes, order: str, budget: int | None = None) -> Iterator[tu
 
 def _matrix(data: bytes, order: str, depth: int) -> tuple[str, Any]:
     """Name and value of a matrix; None for what is not numbers."""
+    if not data:  # a field that was never set
+        return "", None
     parts = list(_elements(data, order))
     flags = _numbers(*parts[0], order)
     if int(flags[0]) & 0xFF == _OPAQUE:  # it has no dimensions: name, kind of system, class
@@ -171,18 +178,33 @@ def _read_numpy(stream: io.BytesIO) -> Any:
         raise SwingupError("has Python's objects, which are not read: save arrays of numbers") from error
 
 
-def _columns(path: tuple[str, ...], found: Any) -> Iterator[tuple[tuple[str, ...], np.ndarray]]:
-    """Columns of arrays and of structures of arrays; those of a matrix are numbered from 1."""
+def _leaves(path: tuple[str, ...], found: Any) -> Iterator[tuple[tuple[str, ...], np.ndarray]]:
+    """Arrays, and those of structures; dates and durations in s."""
     if isinstance(found, dict):
         for name, each in found.items():
-            yield from _columns((*path, str(name)), each)
+            yield from _leaves((*path, str(name)), each)
         return
     if isinstance(found, _Object):
         return
     array = np.asarray(found)
     if array.dtype.names:
-        yield from _columns(path, {name: array[name] for name in array.dtype.names})
-    elif array.dtype.kind in "fiu" and array.size > 1 and array.ndim in (1, 2):
+        yield from _leaves(path, {name: array[name] for name in array.dtype.names})
+    elif array.dtype.kind in "mM":
+        since = array.flat[0] if array.dtype.kind == "M" and array.size else np.timedelta64(0)
+        yield path, (array - since) / np.timedelta64(1, "s")
+    else:
+        yield path, array
+
+
+def _is_table(array: np.ndarray) -> bool:
+    return array.dtype.kind in "fiu" and array.size > 1 and array.ndim in (1, 2)
+
+
+def _columns(found: Any) -> Iterator[tuple[tuple[str, ...], np.ndarray]]:
+    """Columns of arrays; those of a matrix are numbered from 1."""
+    for path, array in _leaves((), found):
+        if not _is_table(array):
+            continue
         table = np.atleast_2d(array)
         table = table.T if table.shape[0] < table.shape[1] else table
         *within, title = path or ("",)

@@ -118,7 +118,7 @@ def parse_columns(path: object, words: Sequence[str], titles: Sequence[str]) -> 
 
 def _parse_column(path: object, name: str, text: str, titles: Sequence[str]) -> MappedColumn:
     """A column from the expression and unit of a word."""
-    if text in titles:  # whatever signs the title has
+    if text and text in titles:  # whatever signs the title has
         return MappedColumn(Expression(((1, text),)))
     expression, _, unit = text.rpartition(":") if ":" in text else (text, "", "")
     if expression.isdecimal() and 1 <= int(expression[:9]) <= len(titles):
@@ -186,6 +186,14 @@ def suggest_columns(
             if title in cosines:
                 atom = Call("atan2", tuple(Expression(((1, each),)) for each in (title, cosines[title])))
             likely.setdefault(name, MappedColumn(Expression(((1, atom),)), _unit_at_end(name, title)))
+    # A matrix of states, and perhaps one of torques.
+    matrices = {title[:-1]: title[-1:] for title in titles if title[-1:].isdecimal() and not kinds[title]}
+    matrices = {stem: width for stem, width in matrices.items() if f"{stem}1" in titles}
+    if [*matrices.values()].count("4") == 1:
+        for stem, width in matrices.items():
+            names_of = {"4": ("pos_meas1", "pos_meas2", "vel_meas1", "vel_meas2"), "2": ("tau_con1", "tau_con2")}
+            for place, name in enumerate(names_of.get(width, ()), start=1):
+                likely.setdefault(name, MappedColumn(Expression(((1, f"{stem}{place}"),))))
     rates = {"vel_meas1", "vel_meas2"}
     if not rates <= likely.keys():  # the rate of one joint alone is not read
         likely = {name: column for name, column in likely.items() if name not in rates}

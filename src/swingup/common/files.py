@@ -34,9 +34,11 @@ def write_atomically(path: str | Path, content: bytes) -> None:
         temporary.chmod(mode)
         temporary.replace(target)
         _sync_folder(target.parent)
-    except OSError as error:
+    except BaseException as error:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
+        if not isinstance(error, OSError):
+            raise
         reason = error.strerror or error
         raise SwingupError(
             f"cannot write {path}: {reason}; choose a folder that exists and can be written"

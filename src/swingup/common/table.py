@@ -48,7 +48,7 @@ REPEATED_SHARE = 0.2  # share of rows that repeat a time from which times are ro
 LARGEST_TABLE = 64_000_000  # bytes of a file: a minute at 1 kHz with 17 columns has 25 MB
 SEPARATORS = (",", ";", "\t", " ", "|")
 COMMENTS = ("#", "%", "//")
-MISSING = ("", "na", "n/a", "null", "none", "-")
+MISSING = ("", "na", "n/a", "#n/a", "null", "nil", "none", "-", "--", "?")
 SAMPLE_ROWS = 20  # rows that show the separator
 BRACKET = re.compile(r"[\[(](?!\d+[\])])([^\])]*)")
 """A unit in brackets at the end of a title; a number in them, as in q[0], belongs to the name."""
@@ -108,7 +108,10 @@ def read_table(
     used = {cells.place(title) for column in sources.values() for title in column.expression.titles}
     if cells.surplus:
         # A trailing comma is harmless. A decimal comma makes one cell too many.
-        raise SwingupError(f"{path}, line {cells.surplus} has more cells than columns: write decimals with a point")
+        raise SwingupError(
+            f"{path}, line {cells.surplus} has more cells than the {len(titles)} titles: write decimals "
+            "with a point, and a title for each column"
+        )
     # RealAIGym also cuts rows to the shortest column.
     count = len(cells.lines) if gaps else min((_filled(cells.columns[place]) for place in used), default=0)
     if count < MINIMUM_ROWS:
@@ -159,6 +162,11 @@ def _number(cell: Any) -> float | None:
         return float(cell)
     except ValueError:
         return None
+
+
+def _decimal(cell: Any) -> Decimal:
+    """A cell's number to its last digit; NumPy's longest floats are neither texts nor Python's numbers."""
+    return Decimal(cell if isinstance(cell, str | float) else str(cell))
 
 
 def _filled(column: Sequence[Any]) -> int:
@@ -241,7 +249,10 @@ def _choose(
     complete = [name for names in best if set(names) <= set(sources) for name in names]
     used = {title for name in complete for title in sources[name].expression.titles}
     free = [title for title in titles if title and title not in used]
-    wanted = [name for names in best if set(names) & set(missing) for name in names]
+    # Other people's titles suggest the names of a group's first choice.
+    wanted = [
+        name for group, names in zip(groups, best, strict=True) if set(names) & set(missing) for name in group[0]
+    ]
     absent = [name for group, names in zip(groups, best, strict=True) if not names for name in group[0]]
     # Where a column is not there at all, those of the others do not help.
     labels = _labels(cells)
@@ -313,7 +324,7 @@ def _epoch(cells: _Cells, column: MappedColumn) -> Decimal:
         return Decimal(0)
     cell = cells.columns[cells.place(titles[0])][0]
     number = _number(cell)
-    return Decimal(cell) if number is not None and EPOCH < abs(number) < math.inf else Decimal(0)
+    return _decimal(cell) if number is not None and EPOCH < abs(number) < math.inf else Decimal(0)
 
 
 def _checked(cell: Any, is_time: bool, gaps: bool, epoch: Decimal) -> float:
@@ -330,7 +341,7 @@ def _checked(cell: Any, is_time: bool, gaps: bool, epoch: Decimal) -> float:
         raise SwingupError(f"{str(cell)[:40]} is not finite: correct it or end the file before it")
     if epoch:
         # An exact difference: a double has too few digits for a time since 1970.
-        value = float(Decimal(cell) - epoch)
+        value = float(_decimal(cell) - epoch)
     if abs(value) > LARGEST_NUMBER and not (is_time and gaps):
         raise SwingupError(f"{str(cell)[:40]} is too large for a pendulum in SI units: correct it")
     return value

@@ -268,6 +268,7 @@ def upright_law(source: Any, robot: Robot, plant: Plant) -> tuple[list[str], lis
     steps = SMALL_TURN * np.concatenate([np.zeros((1, 4)), np.eye(4), -np.eye(4)])
     uprights = [UPRIGHT[0], *OTHER_ZEROS.values()]
     states = np.concatenate([steps + np.array([shoulder, 0, 0, 0]) for shoulder in uprights])
+    states[:, :2] += plant.zeros  # as the encoders show them
     try:
         torques = _first_torques(controller, states)[:, joint].reshape(-1, len(steps))
     except SwingupError as error:

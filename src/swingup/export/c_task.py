@@ -5,10 +5,13 @@ import re
 import numpy as np
 
 from ..common import __version__
+from ..common.errors import SwingupError
 from ..policy.network import Layer, Network, NormaliseStage
 from ..policy.policy import TaskPolicy, require_plain
 from ..policy.self_test import SelfTest, task_test
 from .c_text import Data, Precision, constant_bytes
+
+INT32 = 2**31 - 1  # The largest int of common C compilers
 
 USAGE = """\
 /*
@@ -73,7 +76,10 @@ def task_data(policy: TaskPolicy) -> dict[str, Data]:
     space, network = policy.action_space, policy.network
     data: Data = {"ACTIONS": space.size, "DISCRETE": int(bool(space.choices))}
     if space.choices:
-        data |= {"choices": np.array(space.choices), "start": np.ravel(space.low).astype(int)}
+        choices, start = np.array(space.choices), np.ravel(space.low).astype(int)
+        if (largest := max(-start.min(), (start + choices - 1).max())) > INT32:
+            raise SwingupError(f"an action reaches {largest}, beyond C's 32 bits: export it to numpy or onnx")
+        data |= {"choices": choices, "start": start}
     else:
         data |= {name: np.ravel(getattr(space, name)).astype(np.float64) for name in ("low", "high")}
     return {"the task": data, "the network": network_data(network), "the self-test": test_data(task_test(policy))}

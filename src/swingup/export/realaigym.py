@@ -18,6 +18,7 @@ from ..common.errors import SwingupError, quoted
 from ..common.files import make_folder, write_atomically
 from ..plant.equations import friction
 from ..policy.contract import LoopController, four_numbers
+from ..policy.feedback import FeedbackSource
 from ..policy.guard import Fault
 from ..policy.numpy_backend import NumpyPolicy
 
@@ -46,7 +47,7 @@ class Filter:
     def get_filtered_state(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """What the controller sees for the measurement x (4,) after the torques u (2,)."""
         # Copies: a foreign filter may keep or alter what it is given.
-        seen = x.copy() if self._call is None else four_numbers(self._call(x.copy(), u)).copy()
+        seen = x.copy() if self._call is None else four_numbers(self._call(x.copy(), u.copy())).copy()
         _keep((self.x_hist, x), (self.x_filt_hist, seen))
         return seen
 
@@ -67,7 +68,7 @@ class RealAIGymController:
         self.passive_limit = controller.passive_limit
         """Largest torque on the passive joint (N m)."""
         self._about: dict[str, Any] = {"controller": name}
-        if isinstance(controller.inner, NumpyPolicy):
+        if isinstance(controller.inner, NumpyPolicy | FeedbackSource):
             policy, keys = controller.inner.policy, ("version", "command", "seed")
             origin = {key: policy.metadata[key] for key in keys if key in policy.metadata}
             self._about |= {"torque_limit": policy.torque_limit, "policy": origin}

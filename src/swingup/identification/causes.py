@@ -29,6 +29,7 @@ from ..plant.plant import Plant
 from .prediction import Integration
 from .recording import Recording
 from .segments import REACH, cumulative_torque, smooth
+from .unknowns import check_masses
 
 STEP = 0.01  # Time between the states from which momenta are taken (s)
 SPAN, STRIDE = 10, 5  # Steps over which one equation goes, and between the starts of two
@@ -298,6 +299,7 @@ def _bounded(z: np.ndarray, centre: np.ndarray) -> np.ndarray:
 def expected_of(plant: Plant, delay: float, limits: tuple[float, float]) -> Expected:
     """What is expected of a plant in a loop whose torques act after ``delay`` (s)."""
     values = dict(zip(BASE_NAMES, base_parameters(plant).tolist(), strict=True)) | {"gain": 1.0, "delay": delay}
+    check_masses(values)
     pull = float(plant.g) * values["k"]
     # Friction and speed as the fit measures them (``unknowns.expectations``).
     torque, speed = 0.05 * pull, 2.0 * math.sqrt(float(plant.g) / float(plant.l1 + plant.l2))

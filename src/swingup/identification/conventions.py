@@ -223,7 +223,7 @@ class _Maps:
         self.arguments = setting, spans, start, any(driven)
         self.moving = np.array(driven, float)
         self.fastest = np.quantile(np.abs(spans.states[..., 2:]), 0.99, axis=(0, 1))
-        self.solved: dict[bytes, Solution] = {}
+        self.solved: dict[bytes, tuple[int, Solution]] = {}  # And for how many ages
 
     def solve(self, conventions: Sequence[Convention], ages: int = 4) -> Solution:
         """The regression's solution; maps that are the same, or another's mirror image, are solved once."""
@@ -237,9 +237,9 @@ class _Maps:
         # Adding 0 makes 0 of -0, whose bytes differ.
         key = (np.round(np.concatenate(mirrored), 6) + 0.0).tobytes()
         # Pairs are solved for one age alone: such a solution does not serve where all ages count.
-        if key not in self.solved or ages > 1:
-            self.solved[key] = regress(*self.arguments, columns, ages)
-        return self.solved[key]
+        if self.solved.get(key, (0,))[0] < ages:
+            self.solved[key] = ages, regress(*self.arguments, columns, ages)
+        return self.solved[key][1]
 
 
 def _name_unit(maps: _Maps, best: Sequence[Convention], guess: Convention) -> Convention:
@@ -328,7 +328,7 @@ def _check_speed(recording: Recording) -> Finding | None:
     joint = int(fastest.argmax())
     return Finding(
         f"joint {joint + 1} moves at {fastest[joint]:.0f} rad/s: give the unit of the angles, as in --columns "
-        f"{recording.sources[recording.pairs[0][joint]].word(f'pos_meas{joint + 1}')}:deg or :counts/4096"
+        f"{recording.sources[recording.pairs[0][joint]].word(f'pos_meas{joint + 1}')}:deg, :mrad or :counts/4096"
     )
 
 

@@ -121,7 +121,7 @@ def identify(
         judged, kept = score_windows(tests), windows
         judged = replace(judged, log=judged.log + len(recordings))
     else:
-        judged, kept = hold_out(score_windows(recordings), windows)
+        judged, kept = hold_out(score_windows(recordings), windows, problem.sessions)
     # The starting plant gets its best delay and lag too, fitted to the same motion: otherwise the comparison would
     # favour the fit.
     start_fit = fit_start(problem, kept)

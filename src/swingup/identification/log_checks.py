@@ -22,6 +22,7 @@ NEAR_ROWS, NEAR_TIME = 4, 0.02  # rows and time (s) to each side whose median sl
 MINIMUM_JUMP, ACCELERATION = 0.15, 400.0
 """Minimum jump (rad), and the acceleration (rad/s²) that explains more: smaller ones are noise or motion."""
 UNLIKELY_DEVIATIONS = 20.0  # a larger jump, in median deviations, is not noise
+DEAD_TRAVEL = 1.5  # how far a joint may go (rad) before the other one's angle changes, as in the safety guard
 MINIMUM_PIECE = 0.1  # a shorter piece between two jumps (s) is a dropout
 
 
@@ -65,6 +66,13 @@ def continued(angles: Float[np.ndarray, "rows 2"]) -> tuple[Float[np.ndarray, "r
             also = (reach <= turn * (1 + 1e-6)) | (steps > FILLED_SHARE * turn)
             return np.where(also, np.unwrap(angles, period=turn, axis=0), angles), turn
     return angles, None
+
+
+def lone_zeros(angles: Float[np.ndarray, "rows 2"]) -> Bool[np.ndarray, "rows"]:
+    """Rows of exact zeros between rows far from them, with which some loops fill a lost sample."""
+    far = np.abs(angles).max(axis=1) > MINIMUM_JUMP
+    between = np.append(False, far[:-1]) & np.append(far[1:], False)
+    return np.asarray((angles == 0.0).all(axis=1) & between)
 
 
 def cut_episodes(
@@ -155,9 +163,11 @@ def check_time(name: str, time: Float[np.ndarray, "rows"], title: str, columns: 
     low, high = USUAL_PERIODS
     unit = next((each for each, size in UNITS["time"].items() if low <= period * size <= high), "s")
     if period > MAXIMUM_PERIOD and unit != "s":
+        words = completed([f"{title}:{unit}"], columns)
+        counter = ", or where it counts rows with time= and their period in s" if np.all(steps == 1.0) else ""
         raise SwingupError(
             f"{name}: rows are {period:g} s apart (median): the time looks like {unit}; read it with "
-            f"--columns {completed([f'{title}:{unit}'], columns)}"
+            f"--columns {words}{counter}"
         )
     if period > MAXIMUM_PERIOD:
         raise SwingupError(
@@ -195,6 +205,20 @@ def check_motion(name: str, q: Float[np.ndarray, "rows 2"]) -> None:
             )
 
 
+def check_stuck(name: str, time: Float[np.ndarray, "rows"], q: Float[np.ndarray, "rows 2"]) -> None:
+    """Refuse an encoder that keeps its value while the other joint goes far: its coupling would move this one."""
+    for joint in (0, 1):
+        ends = np.concatenate([[0], np.flatnonzero(np.diff(q[:, joint])) + 1, [len(q)]])
+        for piece in np.flatnonzero(np.diff(ends) > 2):
+            start, end = ends[piece], ends[piece + 1]
+            if (travel := float(np.ptp(q[start:end, 1 - joint]))) > DEAD_TRAVEL:
+                raise SwingupError(
+                    f"{name}: angle {joint + 1} stays at {q[start, joint]:.4g} rad from {time[start]:.3g} to "
+                    f"{time[end - 1]:.3g} s, while joint {2 - joint} moves by {travel:.3g} rad: is its encoder "
+                    "stuck? Leave these rows out"
+                )
+
+
 def find_warnings(
     time: Float[np.ndarray, "rows"],
     u: Float[np.ndarray, "rows 2"],
@@ -221,7 +245,7 @@ def find_warnings(
         elif share > SATURATED_SHARE:
             found.append(f"torque {joint + 1} stands at ±{peak:.3g} N m in {share:.0%} of the rows: saturated")
         if measured is not None and peak > 0:
-            delivered = float(np.abs(measured[:, joint]).max())
+            delivered = float(np.nanmax(np.abs(measured[:, joint]), initial=0.0))
             at_most = float(np.mean(np.abs(measured[:, joint]) > 0.98 * delivered))
             # A motor that saturates stands at its peak; one that is slow passes through it.
             if delivered < 0.8 * peak and at_most > 0.05:

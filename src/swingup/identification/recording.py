@@ -20,10 +20,12 @@ from .log_checks import (
     MINIMUM_ROWS,
     check_fresh,
     check_motion,
+    check_stuck,
     check_time,
     continued,
     cut_episodes,
     find_warnings,
+    lone_zeros,
     longest_step,
     one_clock,
     slopes_of,
@@ -127,8 +129,11 @@ def read_recording(path: str | Path, columns: Sequence[str] = (), force: bool = 
     fresh = _fresh_rows(q, quantum, time, values)
     check_fresh(name, fresh, q)
     check_motion(name, q[fresh])
+    if not force:
+        check_stuck(name, time, q)
     kept, time, found = cut_episodes(time, q, fresh, longest_step(float(np.median(np.diff(time)))))
     time, q, fresh = time[kept], q[kept], fresh[kept]
+    check_fresh(f"{name}, without rows whose angles jump away and back,", fresh, q)
     values = {each: column[kept] for each, column in values.items()}
     dq, slopes = _pair(values, _VELOCITIES), _differences(time, q)
     u, commanded, lacking = _torques(time, values)
@@ -187,6 +192,11 @@ def _check_torques(name: str, table: Table, columns: Sequence[str]) -> None:
     single = next((title for title in table.unread for names in _COMMANDS if title in names), None)
     if single is not None:
         other = single[:-1] + ("2" if single.endswith("1") else "1")
+        if (first := single[:-1] + "0") in table.unread and single.endswith("1"):
+            words = completed([f"u1={first}", f"u2={single}"], columns)
+            raise SwingupError(
+                f"{name} has {first} and {single}, which count joints from 0: write --columns {words}"
+            )
         words = completed([f"u{single[-1]}={single}", f"u{other[-1]}=0"], columns)
         raise SwingupError(
             f"{name} has {single} and lacks {other}: name its column, or write --columns {words} if joint "
@@ -211,14 +221,17 @@ def _clean(name: str, table: Table) -> tuple[np.ndarray, np.ndarray, list[str]]:
     time = table.values["time"]
     angles = _pair(table.values, _POSITIONS)
     assert angles is not None
-    rows = np.flatnonzero(np.isfinite(time) & np.isfinite(angles).all(axis=1))
+    whole, zeros = np.isfinite(time) & np.isfinite(angles).all(axis=1), lone_zeros(angles)
+    rows = np.flatnonzero(whole & ~zeros)
     if len(rows) < MINIMUM_ROWS:
         raise SwingupError(
             f"{name} has {len(rows)} rows with a time and both angles: at least {MINIMUM_ROWS} are needed"
         )
     notes = []
-    if lacking := len(time) - len(rows):
+    if lacking := np.count_nonzero(~whole):
         notes.append(f"{lacking} rows lack a time or an angle: they are left out")
+    if lost := np.count_nonzero(zeros):
+        notes.append(f"{lost} rows between others have zeros for both angles: they are left out")
     time = time[rows]
     steps = np.diff(time)
     period = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
@@ -235,10 +248,10 @@ def _clean(name: str, table: Table) -> tuple[np.ndarray, np.ndarray, list[str]]:
     faults = int(np.count_nonzero(~keep))
     if faults > MAXIMUM_FAULTS * len(time):
         worst = int(np.flatnonzero(steps <= 0)[0])
-        raise SwingupError(
-            f"{name}: time {time[worst + 1]:g} comes after {time[worst]:g}, and so in {faults} rows: keep rows in "
-            "order, with enough digits of the time"
-        )
+        again = f"{name}: time {time[worst + 1]:g} comes after {time[worst]:g}, and so in {faults} rows"
+        if steps.min() >= 0:
+            raise SwingupError(f"{again}: give each row its own, with enough digits of the time")
+        raise SwingupError(f"{again}: keep rows in order, with enough digits of the time")
     if restarts:
         notes.append(f"the time restarts {restarts} times: read as {restarts + 1} episodes")
     if spread:

@@ -11,15 +11,27 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.interpolate import CubicHermiteSpline
 
+from ..common.errors import SwingupError
 from ..loop.domain import Domain
 from ..loop.loop import LOOP_DT
 from .fit import fit_start
-from .prediction import CHUNK, INDEX, MAXIMUM_ERROR, NAMES, Integration, in_loop, integration_of, predict, vector_of
+from .prediction import (
+    CHUNK,
+    INDEX,
+    LAG_MEMORY,
+    MAXIMUM_ERROR,
+    NAMES,
+    Integration,
+    in_loop,
+    integration_of,
+    predict,
+    vector_of,
+)
 from .recording import Recording
-from .segments import FIT_LENGTH, INTERVAL, REACH, Segments, cut_windows, join, smooth
+from .segments import FIT_LENGTH, HISTORY, INTERVAL, REACH, Segments, cut_windows, join, smooth
 from .unknowns import LATENCY, Problem
 
 HORIZONS = (0.1, 0.25, 0.5)  # s
@@ -72,9 +84,12 @@ def error_row(errors: Float[np.ndarray, "windows 4"]) -> ErrorRow:
     return ErrorRow(len(errors), float(means[0]), float(means[1]), float(medians[0]), float(medians[1]))
 
 
-def hold_out(everything: Segments, windows: Segments) -> tuple[Segments, Segments]:
-    """Held-out windows of the scoring, and the windows of a fit that share no time with them."""
-    judged = everything.take(_held_out(everything))
+def hold_out(everything: Segments, windows: Segments, sessions: Sequence[int]) -> tuple[Segments, Segments]:
+    """Held-out windows of the scoring, and the windows of a fit that share no time with them.
+
+    The sessions are those of the logs: the only log of one is not held out whole, since its loop is fitted to it.
+    """
+    judged = everything.take(_held_out(everything, np.asarray(sessions)))
     free = np.ones(len(windows), bool)
     for log in np.unique(judged.log):
         held, starts = judged.start[judged.log == log], windows.start[:, None]
@@ -84,9 +99,11 @@ def hold_out(everything: Segments, windows: Segments) -> tuple[Segments, Segment
     return judged, windows.take(free)
 
 
-def _held_out(windows: Segments) -> Bool[np.ndarray, "windows"]:
+def _held_out(windows: Segments, sessions: Int[np.ndarray, "logs"]) -> Bool[np.ndarray, "windows"]:
     logs, counts = np.unique(windows.log, return_counts=True)
-    if len(logs) >= WHOLE_LOGS:
+    shared = np.bincount(sessions[logs])[sessions[logs]] > 1 if len(logs) else np.zeros(0, bool)
+    if len(logs) >= WHOLE_LOGS and shared.any():
+        logs, counts = logs[shared], counts[shared]
         # A log with few windows, such as a swing-up, may be the last: the one with the median number is held out.
         middle = logs[np.argsort(counts, kind="stable")[len(logs) // 2]]
         return np.asarray(windows.log == middle)
@@ -165,6 +182,8 @@ def predict_log(recording: Recording, domain: Domain, name: str) -> OpenLoop:
     # Values of the domain are judged as they are. What it leaves open must not count as an error of the plant.
     said = {"lag", *domain.names} if "response" in domain.names else {*domain.names}
     known = {each: float(start[INDEX[each]]) for each in LATENCY if each in said}
+    if known.get("delay", 0.0) > (longest := HISTORY - LAG_MEMORY):
+        raise SwingupError(f"{name} has a delay of {known['delay']:g} s: a comparison takes up to {longest:g} s")
     # Without torques nothing is late.
     fitted = tuple(each for each in LATENCY if each not in known) if any(recording.driven) else ()
     problem = Problem(setting, start, [recording], [0], known)

@@ -88,12 +88,21 @@ class Unknowns:
         return np.clip((z - self.centre) / self.scale, self.low + inner, self.high - inner)
 
 
+def check_masses(base: Mapping[str, float]) -> None:
+    """Refuse a starting plant, by its base parameters, around which nothing can be fitted in proportion."""
+    texts = {"A": "I1 + I2 + m2 l1^2", "B": "I2", "m2r2": "m2 r2", "k": "m1 r1 + m2 l1"}
+    for name, text in texts.items():
+        if not base[name] > 0:
+            raise SwingupError(f"the plant to start from has {text} = {base[name]:.3g}: it must be positive")
+
+
 def expectations(setting: Integration, start: Float[np.ndarray, "15"], commanded: bool) -> dict[str, Expectation]:
     """The priors around a starting plant.
 
     Friction is measured by the torque of gravity on the shoulder: 5 % of it is Coulomb friction of one scale.
     """
     m = dict(zip(NAMES, start, strict=True))
+    check_masses(m)
     geometry = setting.geometry
     torque = 0.05 * geometry.g * m["k"]
     # 2 √(g/l): the speed at the bottom after a fall from upright, of a point on a rod of about the arm's length.

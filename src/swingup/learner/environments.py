@@ -184,12 +184,14 @@ class Environments:
     def _goals(self, ended: Bool[np.ndarray, "envs"], infos: Any) -> Bool[np.ndarray, "envs"]:
         """Which ends the environments call a success."""
         goals = np.zeros(self.num_envs, np.bool_)
-        if ended.any() and isinstance(infos, Mapping):
-            told = infos.get("final_info", infos)
-            if isinstance(told, Mapping) and SUCCESS in told:
-                goals = ended & self._array(SUCCESS, told[SUCCESS], ended.shape, "biuf").astype(np.bool_)
-                self.successes += goals[ended].tolist()
-                self.names_goals = True
+        if not ended.any():
+            return goals
+        told = infos.get("final_info", infos) if isinstance(infos, Mapping) else None
+        if isinstance(told, Mapping) and SUCCESS in told:
+            goals = ended & self._array(SUCCESS, told[SUCCESS], ended.shape, "biuf").astype(np.bool_)
+            self.names_goals = True
+        # An environment may say it of successes alone.
+        self.successes += goals[ended].tolist()
         return goals
 
     def _around_resets(

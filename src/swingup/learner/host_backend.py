@@ -168,7 +168,8 @@ class HostBackend(AbstractBackend):
             ended = [float(np.mean(each)) for each in zip(*environments.episodes, strict=True)]
             episode_return, length = ended or (None, None)
             means = replace(means, termination_rate=resets)
-            success = float(np.mean(environments.successes)) if environments.successes else None
+            said = environments.successes if environments.names_goals else []
+            success = float(np.mean(said)) if said else None
             pauses = environments.longest_pause, environments.late_steps
             host = HostMetrics(episode_return, length, success, *pauses)
             found.append(TrainingMetrics(means, host))

@@ -243,7 +243,7 @@ class Run:
             return
         cause = self.backend.find_fault()
         kept = "" if self._folder is None else f"; the last good checkpoint is in {self._folder.checkpoints}"
-        remedy = cause or "lower --learning-rate or change --seed"
+        remedy = cause or "lower learning_rate, change seed, or scale rewards that are huge"
         raise SwingupError(f"training diverged: {subject} not finite after frame {self.frames}{kept}: {remedy}")
 
 

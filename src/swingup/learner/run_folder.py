@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from ..areapo.checkpoint import load_checkpoint, save_checkpoint
+from ..areapo.checkpoint import load_checkpoint, read_metadata, save_checkpoint
 from ..common.errors import MALFORMED, SwingupError, one_line
 from ..common.files import behind_links, make_folder
 from ..policy.file import read_network
@@ -76,10 +76,11 @@ class RunFolder:
         if not paths:
             raise SwingupError(f"{self.path} has no checkpoint: delete it and train again")
         try:
-            return load_checkpoint(paths[-1], like=like)
+            read_metadata(paths[-1])
         except SwingupError as error:
             advice = "; delete it to resume from the one before" if len(paths) > 1 else ""
             raise SwingupError(f"{error}{advice}") from error
+        return load_checkpoint(paths[-1], like=like)
 
     def best(self, settings: RunSettings, measure: str) -> list[Rank]:
         """Rank of each seed's best policy file, perhaps newer than the checkpoint; a foreign one is refused."""

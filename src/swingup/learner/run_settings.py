@@ -123,14 +123,17 @@ def make_run_settings(
     """The settings of a run, with the defaults of its preset and its problem for what is None or left out."""
     problem = make_problem(env, plant, resets)
     chosen = problem.choose_preset(preset)
-    defaults = get_preset(chosen)
-    # From names, so that misspelt ones are found.
-    merged = vars(defaults.config) | problem.sizes(defaults.config) | dict(changes or {})
-    config = config_from_dict(merged, ("env", "folder", *SETTINGS))
+    config = config_for(problem, chosen, changes or {})
     check_effects(changes or (), config)
-    values = {"seed": 0, "seeds": defaults.seeds, **vars(problem.intervals)}
+    values = {"seed": 0, "seeds": get_preset(chosen).seeds, **vars(problem.intervals)}
     values |= {name: value for name, value in given.items() if value is not None}
     return RunSettings(problem, chosen, config=config, **values)
+
+
+def config_for(problem: AbstractProblem, preset: str, changes: Mapping[str, Any]) -> Config:
+    """The hyperparameters of a preset for a problem, with changes by name; misspelt names are refused."""
+    usual = get_preset(preset).config
+    return config_from_dict(vars(usual) | problem.sizes(usual) | dict(changes), ("env", "folder", *SETTINGS))
 
 
 def settings_of_policy(metadata: Mapping[str, Any], env: Any = None) -> RunSettings:

@@ -164,6 +164,8 @@ def representative(base: Mapping[str, float], start: Plant) -> Plant:
     Its masses are near those of the start, whose lengths, gravity and limits it has.
     """
     l1, shoulder = float(start.l1), base["A"] - base["B"]
+    if not (shoulder > 0 and base["k"] > 0 and base["B"] != float(start.gr) * base["Ir"]):
+        raise SwingupError("no pendulum has these base parameters: raise I1+m2l1^2 or I2")
     # Bodies in a simulation have no geared rotors: a part of the elbow's inertia is theirs (``_without_rotors``).
     lightest = INERTIA_MARGIN * base["m2r2"] ** 2 / (base["B"] - float(start.gr) * base["Ir"])
     # Link 1 keeps a part of the inertia and of the moment, so that both stay positive.

@@ -61,6 +61,10 @@ def measured_plant(
     """
     given = {name.replace(" ", "").replace("²", "^2"): value for name, value in (values or {}).items()}
     given = {name: finite_number(name, value) for name, value in given.items()}
+    for kinds in ({"k"}, {"m2r2"}, {"shoulder", "A"}, {"B"}):
+        same = [name for name in given if (LUMPED_NAMES | {"I2": "B"}).get(name) in kinds]
+        if len(same) > 1:
+            raise SwingupError(f"{' and '.join(same)} say the same: give one of them")
     lumped = {LUMPED_NAMES[name]: given.pop(name) for name in [*given] if name in LUMPED_NAMES}
     measured = {one_of("value", name, (*NAMES, *MORE_NAMES)): value for name, value in given.items()}
     # Before the file is read, whose armature is divided by it.
@@ -123,7 +127,12 @@ def _build_links(facts: dict[str, float], measured: Mapping[str, float], lumped:
     known |= {"B": facts["I2"]} if "I2" in facts else {}
     known |= lumped
     if "coupling" in lumped:
-        known["m2r2"] = lumped["coupling"] / l1
+        implied = lumped["coupling"] / l1
+        if not math.isclose(lumped.get("m2r2", implied), implied, rel_tol=0.01):
+            raise SwingupError(
+                f"theta3 / l1 = {implied:.4g} and m2r2 = {lumped['m2r2']:.4g} say the same: give one"
+            )
+        known["m2r2"] = implied
     if "A" in lumped and "B" in known:
         known["shoulder"] = lumped["A"] - known["B"]
     texts = {"k": "m1r1+m2l1", "m2r2": "m2r2", "shoulder": "I1+m2l1^2", "B": "I2"}
@@ -137,10 +146,7 @@ def _build_links(facts: dict[str, float], measured: Mapping[str, float], lumped:
     # Masses near those of the source; without one, the lightest that can be built.
     start = dict.fromkeys((*LINK_NUMBERS, "I2"), 1e-6) | dict.fromkeys(MOTORS, 0.0) | ZEROS | facts
     numbers: dict[str, Any] = {name: start[name] for name in NAMES}
-    try:
-        plant = representative(base, Plant(**numbers))
-    except ZeroDivisionError:
-        raise SwingupError("no pendulum has these base parameters: raise I1+m2l1^2 or I2") from None
+    plant = representative(base, Plant(**numbers))
     facts |= {name: float(getattr(plant, name)) for name in (*LINK_NUMBERS, "I2")}
     return [*notes, "m1, m2, r1, r2 and I1 are one choice of many that move alike"]
 

@@ -125,16 +125,25 @@ class EstimatorConstants(NamedTuple):
     time_unit: float  # of all other times (s); calls come with their time in seconds
 
 
+def settings_in_c1(
+    settings: EstimatorSettings, plant: Plant, identifier: IdentifierSettings | None = None
+) -> tuple[EstimatorSettings, IdentifierSettings | None]:
+    """A plant's settings in C.1's units, within the same ranges."""
+    scales = arm_scales(plant)
+    times = {name: scales.similar(getattr(settings, name), TIME) for name in ("dt", "longest_gap")}
+    own = C1.over(scales)
+    return replace(scaled(settings, own), **times), None if identifier is None else scaled(identifier, own)
+
+
 def estimator_constants(
     settings: EstimatorSettings, plant: Plant, joint: int, identifier: IdentifierSettings | None = None
 ) -> EstimatorConstants:
     """Constants for a nominal plant; with settings of an identifier, the model is the plant that it identifies."""
     scales, identifies = arm_scales(plant), None
-    own, plant = C1.over(scales), similar_plant(plant, scales)
-    times = {name: scales.similar(getattr(settings, name), TIME) for name in ("dt", "longest_gap")}
-    s = replace(scaled(settings, own), **times)
+    s, identifier = settings_in_c1(settings, plant, identifier)
+    plant = similar_plant(plant, scales)
     if identifier is not None:
-        identifies = identifier_constants(plant, joint, s.dt, s.max_delay_steps, scaled(identifier, own))
+        identifies = identifier_constants(plant, joint, s.dt, s.max_delay_steps, identifier)
     delays, model = np.arange(s.max_delay_steps + 1.0), PredictionModel(lump(plant), plant.friction, None)
     gains = tuple(kalman_gains(s).ravel().tolist())
     return EstimatorConstants(s, joint, model, delays, gains, identifies, scales.time)

@@ -13,6 +13,7 @@ units. Behind a state estimator x is the estimate.
 """
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -21,7 +22,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..common.arrays import load_arrays, read_format, save_arrays
-from ..common.errors import SwingupError, naming
+from ..common.errors import SwingupError, naming, quoted
 from ..common.settings import read_settings
 from ..plant.base_parameters import base_parameters
 from ..plant.equations import COULOMB_STEEPNESS, NUMPY
@@ -223,7 +224,10 @@ def read_feedback(path: str | Path) -> FeedbackPolicy:
         top, swing_up = (_law(kind, arrays) for kind in (TopLaw, SwingUpLaw))
         kinds: tuple[Any, ...] = (RegulatorSettings, EstimatorSettings)
         parts: dict[str, Any] = {kind.PART: read_settings(metadata, kind) for kind in kinds}
-        name, settings = str(metadata.get("name")), parts[RegulatorSettings.PART]
+        # It goes into Python and C.
+        if not re.fullmatch(r"[\w.-]{1,60}", name := str(metadata.get("name")), re.ASCII):
+            raise SwingupError(f"name = {quoted(name, 40)}: use letters, digits, . _ and -")
+        settings = parts[RegulatorSettings.PART]
         found = FeedbackPolicy(name, robot, plant, held_plant, top, swing_up, **parts, metadata=metadata)
         try:
             # Calls upright and hanging meet every array.

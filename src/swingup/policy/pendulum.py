@@ -15,8 +15,8 @@ from ..common.settings import Settings, read_settings
 from ..plant.base_parameters import BASE_NAMES, FRICTIONS, base_parameters
 from ..plant.equations import friction
 from ..plant.plant import NAMES, ROBOTS, Plant, Robot, get_robot, make_plant, validated
-from ..plant.units import C1, arm_scales, scaled, similar_plant
-from .estimator import EstimatorSettings
+from ..plant.units import arm_scales, scaled, similar_plant
+from .estimator import EstimatorSettings, settings_in_c1
 from .file import read_network, write_network
 from .guard import GuardSettings
 from .identifier import IdentifierSettings, prior
@@ -167,7 +167,7 @@ class PendulumPolicy(Policy):
     def __post_init__(self) -> None:
         if self.estimator is not None:
             # Made for its errors: back ends have its settings in C.1's units, within the same ranges.
-            scaled(self.estimator, C1.over(arm_scales(self.plant)))
+            settings_in_c1(self.estimator, self.plant, self.identifier)
         if self.identifier is not None:
             if self.estimator is None:
                 raise SwingupError("identifier without an estimator: add estimator, {} for its defaults")
@@ -242,7 +242,7 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
     if ACTION_SPACE in metadata:
         raise SwingupError(
             f"policy file {path} is of {quoted(metadata.get(TASK))}, not of a pendulum: "
-            "swingup.load_policy(path).predict runs it"
+            "leave out robot and plant; swingup.load_policy(path).predict runs it"
         )
     missing = [name for name in ("robot", "torque_limit", PLANT) if name not in metadata]
     if missing or not network.stages or not isinstance(network.stages[0], PendulumStage):

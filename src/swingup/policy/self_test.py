@@ -88,8 +88,14 @@ def task_test(policy: TaskPolicy) -> SelfTest:
         leads = np.min([part[:, -1] - part[:, -2] for part in ordered] or [np.ones(CANDIDATES)], axis=0)
         rows = rows[leads >= np.median(leads)]
     observations = rows[:TESTS].reshape(TESTS, *seen.shape)
-    share = np.zeros(space.shape) if space.choices else SHARE * (np.asarray(space.high, float) - space.low)
-    return SelfTest(observations, policy.predict(observations)[0], share)
+    tolerance = np.zeros(space.shape)
+    if not space.choices:
+        low, high = (np.asarray(bound, float) for bound in (space.low, space.high))
+        # Answers are rounded to the space's type, such as halves or whole numbers.
+        largest, whole = np.maximum(np.abs(low), np.abs(high)), np.dtype(space.dtype).kind != "f"
+        step = 1.0 if whole else np.spacing(largest.astype(space.dtype)).astype(float)
+        tolerance = np.maximum(SHARE * (high - low), step)
+    return SelfTest(observations, policy.predict(observations)[0], tolerance)
 
 
 def loop_test(policy: RobotPolicy) -> SelfTest:

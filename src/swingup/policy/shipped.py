@@ -92,9 +92,9 @@ def _read(source: str | Path, robot: Robot | str | None) -> PendulumPolicy:
     if has_suffix(source, SUFFIX):
         return read_pendulum_policy(source, robot)
     if str(source) not in SHIPPED_POLICIES and os.path.isdir(source):
-        raise SwingupError(
-            f"{source} is a folder: name a policy file in it, such as {Path(source, 'best')}{SUFFIX}"
-        )
+        inside = [*Path(source).glob(f"best{SUFFIX}"), *Path(source).glob(f"*/policy{SUFFIX}")]
+        such = inside[0] if inside else Path(source, f"best{SUFFIX}")
+        raise SwingupError(f"{source} is a folder: name a policy file in it, such as {such}")
     name = one_of("policy", str(source), SHIPPED_POLICIES, f" or a policy file ({SUFFIX})")
     if robot is None:
         raise SwingupError(f"policy {name!r} is shipped for both robots: name acrobot or pendubot")

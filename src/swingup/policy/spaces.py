@@ -71,15 +71,15 @@ class Space:
             given = np.empty(0, object)
         if given.dtype.kind not in "biuf":
             raise SwingupError(f"observation is not an array of numbers: pass one of shape {self.shape}")
-        with np.errstate(over="ignore"):  # an overflow is an infinity, which is refused below
+        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
             found = given.astype(self.dtype)
         single = found.shape == self.shape
         if not single and found.shape[1:] != self.shape:
             raise SwingupError(
                 f"observation has shape {found.shape}: pass {self.shape}, or one axis more in front for several"
             )
-        if not np.isfinite(found).all():
-            raise SwingupError(f"observation holds {found[~np.isfinite(found)][0]}: pass finite numbers")
+        if not (finite := np.isfinite(given) & np.isfinite(found)).all():
+            raise SwingupError(f"observation holds {given[~finite][0]}: pass finite numbers")
         return found.reshape(1 if single else len(found), self.size), single
 
 

@@ -172,19 +172,20 @@ class _Attempts:
 
     def refine(self, base: PendulumPolicy, recipe: str, seed: int) -> None:
         """Take a policy through a recipe; what an interrupted call of the same finished is not repeated."""
-        kept, stages = self.stage_file(recipe, seed), (0, 1)
+        kept, stages, before = self.stage_file(recipe, seed), (0, 1), base
         arrays = b"".join(np.asarray(each).tobytes() for each in jax.tree.leaves(dataclasses.asdict(base.network)))
         network = hashlib.sha256(arrays).hexdigest()
-        origin = {"command": self.command, "domain": str(self.domain), "network": network}
+        begun = {"domain": str(self.domain), "network": network}
         if kept.exists():
-            before = load_policy(str(kept), self.robot)
-            if origin.items() <= before.metadata.items():
-                base, stages = before, before.metadata["stages"]
+            found = load_policy(str(kept), self.robot)
+            if ({"command": self.command} | begun).items() <= found.metadata.items():
+                base, stages = found, found.metadata["finished"]
 
         def report(now: RefinementReport) -> None:
-            save_refined(self.out, now, base, self.command, seed)
+            save_refined(self.out, now, before, self.command, seed)
             if now.iteration == now.total:
-                write_pendulum_policy(kept, now.policy, origin | {"stages": [now.stage, len(now.stages)]})
+                finished = [now.stage, len(now.stages)]
+                save_refined(kept, now, before, self.command, seed, **begun, finished=finished)
             self.watch.report(now)
 
         finished, total = stages

@@ -257,8 +257,10 @@ def wrapped_policy(controller: PolicyController, passive_limit: float | None = N
     return dataclasses.replace(policy, estimator=estimator, identifier=identifier, regulator=regulator)
 
 
-def save_refined(path: str | Path, report: RefinementReport, base: PendulumPolicy, command: str, seed: int) -> None:
-    """Write the policy of a report, with how it was made and the origin of the policy before."""
+def save_refined(
+    path: str | Path, report: RefinementReport, base: PendulumPolicy, command: str, seed: int, **more: Any
+) -> None:
+    """Write the policy of a report, with how it was made, the origin of the policy before, and more metadata."""
     kept = ("version", "preset", "command", "seed", "frames", "seconds", "scores")
     provenance = {
         "version": __version__,
@@ -269,4 +271,4 @@ def save_refined(path: str | Path, report: RefinementReport, base: PendulumPolic
         "scores": {"v2": dataclasses.asdict(report.criteria)},
         "base": {name: base.metadata[name] for name in kept if name in base.metadata},
     }
-    write_pendulum_policy(path, report.policy, provenance)
+    write_pendulum_policy(path, report.policy, provenance | more)

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -72,7 +72,7 @@ class FolderProcess(AbstractContextManager["FolderProcess"]):
         """
         if os.name != "posix":
             raise SwingupError("a rehearsal needs a POSIX system to share a connection: run it on Linux or macOS")
-        self._calling, self._doing = calling, "its import"
+        self._calling, self._doing, self._pending = calling, "its import", False
         self._connection, theirs = multiprocessing.Pipe()
         # As on a robot: no paths from this environment, this package not beside the program, no caches written.
         command = [sys.executable, "-E", "-P", "-B", str(Path(__file__).with_name("child.py")), str(folder.entry)]
@@ -97,8 +97,9 @@ class FolderProcess(AbstractContextManager["FolderProcess"]):
 
     def close(self) -> None:
         """End the process, whatever it does."""
-        # A folder may ignore anything milder.
-        self._process.kill()
+        # A folder may ignore anything milder. Its session has what it started, too.
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
         self._connection.close()
 
@@ -106,7 +107,7 @@ class FolderProcess(AbstractContextManager["FolderProcess"]):
         """Call the controller with the state x (4,) (rad, rad/s) at time t (s); ``receive`` has the answer."""
         self._doing = f"its call at t = {t:g} s"
         self._send([t, x.tolist()])
-        self._sent = time.perf_counter()
+        self._sent, self._pending = time.perf_counter(), True
 
     def receive(self, wait: float = math.inf) -> tuple[np.ndarray, float] | None:
         """The torques (2,) (N m) and the call's own time (s); None if they are not there ``wait`` s from now."""
@@ -115,10 +116,13 @@ class FolderProcess(AbstractContextManager["FolderProcess"]):
         if time.perf_counter() + wait < end and not self._connection.poll(max(0.0, wait)):
             return None
         answer = self._answer(end, self._calling)
+        self._pending = False
         return np.array(answer["u"]), answer["seconds"]
 
     def stop(self) -> dict[str, Any] | None:
         """When (s) and why a safety guard has stopped the controller, if it has."""
+        if self._pending:  # the run ended before its last answer
+            self.receive()
         self._doing = "its report"
         found: dict[str, Any] | None = self._describe(self._calling)["stopped"]
         return found

@@ -69,7 +69,7 @@ class Figure:
     panels: Sequence[Panel]
     columns: int = 1
     shared: bool = False
-    """Whether the panels of a column have one horizontal axis, and those of a row one vertical axis."""
+    """Whether the panels of a column have one horizontal axis."""
 
 
 def encode(thing: Any, arrays: dict[str, int]) -> Any:

@@ -60,6 +60,8 @@ def animate(
             f"(at most {MAX_PIXELS:,} pixels in all): lower size or fps, or raise the speed"
         )
     found = resolve(plant).facts
+    for _, robot in shown:
+        found.needs_motor(robot)
 
     def frame(k: int) -> np.ndarray:
         pictures = []

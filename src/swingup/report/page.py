@@ -7,6 +7,7 @@ printable line each, and escapes them.
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
@@ -108,9 +109,13 @@ def make_section(
     tables = leaderboard(robot, controllers, boards, seed, recompute, progress=tell, plant=plant)
     # The shipped policy that sees its plant, here the page's plant, without the parts that a page cannot run.
     alone: dict[str, Any] = dict.fromkeys(PARTS)
-    live = replace(load_policy(DEFAULT, robot), plant=policy_plant(found, robot), **alone)
+    live = None
+    with suppress(SwingupError):  # it cannot be told every plant
+        live = load_policy(DEFAULT, robot, None if found == LEADERBOARD else found)
+        live = replace(live, plant=policy_plant(found, robot), **alone)
     shows, disturbance = make_shows(shown, robot, seed, found, tell), describe_disturbance(seed, found)
-    return Section(robot.name, found.driven(robot), tables, shows, disturbance, live, LIVE_NOTE)
+    note = None if live is None else LIVE_NOTE
+    return Section(robot.name, found.driven(robot), tables, shows, disturbance, live, note)
 
 
 def trained_section(

@@ -1,5 +1,6 @@
 """Films of a run's policies side by side: of a pendulum's swing-up, or of any environment that draws itself."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -77,7 +78,7 @@ def watch(
         lines.append(f"{file.name}: return {found.returns[0]:.6g} in {found.lengths[0]} steps")
         strips.append(pictures)
     # Viewers show at most 50 frames a second: of a faster task every second or third step is drawn.
-    every = max(1, round(rates[0] / MAX_FPS))
+    every = max(1, math.ceil(rates[0] / MAX_FPS - 1e-9))
     # The last picture of an episode stays while longer ones go on.
     rows = (
         np.concatenate([strip[min(index, len(strip) - 1)] for strip in strips], axis=1)

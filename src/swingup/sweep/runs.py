@@ -8,7 +8,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import (
     BrokenExecutor,
     Executor,
@@ -22,7 +22,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from ..areapo.config import check_hyperparameter, config_from_dict, format_value, parse_value
+from ..areapo.config import NEEDED, check_effects, check_hyperparameter, format_value, parse_value
 from ..benchmark.values import interquartile_interval, interquartile_mean
 from ..common import cores
 from ..common.checks import is_number, one_of, whole_number
@@ -31,7 +31,7 @@ from ..learner.metrics import METRICS_FILE, RESETS, REWARD_RATE, read_metrics
 from ..learner.presets import PRESETS, get_preset
 from ..learner.run import resume_run, start_run
 from ..learner.run_folder import RunFolder
-from ..learner.run_settings import RunSettings, read_run_settings
+from ..learner.run_settings import RunSettings, config_for, read_run_settings
 
 Row = Mapping[str, Any]  # A row of a run's metrics
 MAX_RUNS = 10_000  # A sweep of more runs is taken for a typing error
@@ -64,6 +64,7 @@ def plan_jobs(
     count = math.prod(map(len, grid.values())) * len(seeds)
     if count > MAX_RUNS:
         raise SwingupError(f"this sweep has {count:,} runs: choose at most {MAX_RUNS:,}")
+    check_varied(grid, base)
     length = run_length(frames, grid.get("preset", [base.preset]))
     jobs: list[Job] = []
     for values in itertools.product(*grid.values()):
@@ -78,11 +79,19 @@ def plan_variant(base: RunSettings, chosen: Mapping, seeds: Sequence[int], folde
     """The jobs of one choice of settings: one for each seed, in folders of their own below ``folder``."""
     changes = dict(chosen)
     preset = base.problem.choose_preset(changes.pop("preset", base.preset))
-    config = base.config if preset == base.preset else get_preset(preset).config
-    base = dataclasses.replace(base, preset=preset, config=config_from_dict(vars(config) | changes), seeds=1)
+    kept = vars(base.config) if preset == base.preset else {}
+    config = config_for(base.problem, preset, kept | changes)
+    base = dataclasses.replace(base, preset=preset, config=config, seeds=1)
     runs = [dataclasses.replace(base, seed=seed) for seed in seeds]
     # Absolute, since workers may have another working directory.
     return [Job(describe(chosen), run, folder.absolute() / f"seed-{run.seed}", frames) for run in runs]
+
+
+def check_varied(names: Iterable[str], base: RunSettings) -> None:
+    """Refuse settings that vary without effect, unless what they need varies too."""
+    varied = set(names)
+    if "preset" not in varied:
+        check_effects([name for name in varied if NEEDED.get(name, ("",))[0] not in varied], base.config)
 
 
 def run_length(frames: int | None, presets: Sequence[str]) -> int:

@@ -24,6 +24,7 @@ from ..learner.run_settings import RunSettings, make_run_settings
 from .runs import (
     MAX_RUNS,
     Row,
+    check_varied,
     describe_error,
     executor_for,
     parse_alternatives,
@@ -100,8 +101,11 @@ def search(
     if not isinstance(env, str) or not isinstance(space, Mapping) or not space:
         raise SwingupError(f"env = {quoted(env)}, space = {quoted(space)}: name a Gymnasium id, and what varies")
     for name, text in space.items():
+        if not isinstance(text, str):
+            raise SwingupError(f"space has {name} = {quoted(text)}: write a text, such as '1e-4:1e-2:log'")
         _parse_range(name, text)
     base = make_run_settings(env, **settings)
+    check_varied(space, base)
     length = run_length(frames, space.get("preset", base.preset).split(","))
     seeds, trials = whole_number("seeds", seeds, 1, MAX_RUNS), whole_number("trials", trials, 1, MAX_RUNS)
     first = whole_number("seed", seed, 0, 2**32 - seeds)

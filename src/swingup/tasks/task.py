@@ -14,7 +14,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..common.errors import SwingupError, attribute, errors_named_after, one_line
+from ..common.checks import whole_number
+from ..common.errors import SwingupError, attribute, errors_named_after, naming, one_line
 from ..common.types import Action, Flag, Key, Observation, Scalar
 from ..policy.network import STAGES
 from ..policy.network import MagnifyStage as MagnifyStage
@@ -103,6 +104,15 @@ def check_task(task: AbstractTask[Any]) -> None:
         SwingupError: JAX cannot trace them, or what they give has other shapes or types than the task says.
     """
     name = type(task).__name__
+    with naming(name):
+        whole_number("observation_size", task.observation_size, 1)
+        actions = whole_number("action_size", task.action_size, 1)
+        for count in task.choices:
+            whole_number("choices", count, 1)
+        if task.choices and len(task.choices) != actions:
+            raise SwingupError(
+                f"choices = {task.choices} for action_size = {actions}: give a number for each action"
+            )
     with errors_named_after(f"tracing reset, observe and step of {name}", "write them for jax.jit"):
         key, action = jax.random.key(0), jnp.zeros(task.action_size, int if task.choices else float)
         state = jax.eval_shape(task.reset, key)

@@ -220,7 +220,7 @@ def _bounds_about(nominal: SwingUps, settings: ContinuationSettings) -> Continua
     with jax.enable_x64(True):
         found = _optimised(first, settings)
     cost, speed = float(found.cost[0]), float(np.abs(found.states[0, :, 2:]).max())
-    # C.1's bounds are 1.6 times its cost, 0.16, and 1.3 times the rate of its fastest joint, 10.4 rad/s.
+    # C.1's bounds are about 1.6 times its cost, 0.16, and 1.3 times the rate of its fastest joint, 10.4 rad/s.
     max_cost, max_speed = max(settings.max_cost, 1.7 * cost), max(settings.max_speed, 1.3 * speed)
     return replace(settings, max_cost=max_cost, max_speed=max_speed)
 
