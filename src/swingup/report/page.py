@@ -29,6 +29,7 @@ from ..common.errors import SwingupError, needing, one_line
 from ..common.files import check_suffix, write_atomically
 from ..controllers.registry import get_controller
 from ..controllers.stack.policy import PolicyController, policy_of
+from ..dynamics.integrate import stable_substeps
 from ..export.javascript import policy_data, policy_script
 from ..loop.domain import Domain
 from ..loop.loop import LOOP_DT
@@ -250,6 +251,7 @@ def _encode(section: Section, arrays: dict[str, int]) -> dict[str, Any]:
         "robot": section.robot,
         "driven": get_robot(section.robot).joint,
         "dt": LOOP_DT,
+        "substeps": stable_substeps(section.plant, LOOP_DT),
         "parameters": {name: float(getattr(section.plant, name)) for name in NAMES},
         "policy": None if section.policy is None else policy_data(section.policy),
         "shows": [_encode_show(section, name, runs, arrays) for name in runs],

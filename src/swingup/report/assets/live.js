@@ -98,12 +98,6 @@
       }
     }
 
-    /** Push both joints with torques [u1, u2] (N m) for a time (s), beside the motor. */
-    push(torques, duration = PUSH.duration) {
-      this.pushes.push({ torque: () => torques, until: this.time + duration });
-      this.play();
-    }
-
     /** Push the tip with a force [fx, fy] (N) for a time (s). */
     pushTip(force, duration) {
       const { parameters: p } = this.section;
@@ -153,10 +147,11 @@
 
     /** One step: measure, control, clip, add the visitor's torques, integrate. */
     step() {
-      const { parameters, dt, act } = this.robot;
+      const { parameters, dt, substeps, act } = this.robot;
       this.u = swingup.physics.clip(parameters, this.policyOn ? act(this.x, this.time) : [0, 0]);
       const push = this.disturbance();
-      this.x = swingup.physics.rk4Step(parameters, this.x, [this.u[0] + push[0], this.u[1] + push[1]], dt);
+      const torques = [this.u[0] + push[0], this.u[1] + push[1]];
+      this.x = swingup.physics.rk4Step(parameters, this.x, torques, dt, substeps);
       this.steps += 1;
       this.time = this.steps * dt;
       if (!this.x.every(Number.isFinite) || Math.hypot(this.x[2], this.x[3]) > FASTEST) {
@@ -200,7 +195,7 @@
 
     /** The latest push on the tip as a line from the tip, null if there is none. */
     shownPush(tip) {
-      const push = this.pushes.filter(({ force, until }) => force && this.time < until).at(-1);
+      const push = this.pushes.filter(({ until }) => this.time < until).at(-1);
       return push ? { from: tip, to: tip.map((value, i) => value + ARROW_LENGTH * push.force[i]) } : null;
     }
 

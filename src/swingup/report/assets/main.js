@@ -8,7 +8,8 @@
 
   for (const section of data.sections) {
     const act = section.policy && swingup.makePolicy(section.policy, section.driven);
-    const robot = { parameters: section.parameters, dt: section.dt, driven: section.driven, act };
+    const { parameters, dt, substeps, driven } = section;
+    const robot = { parameters, dt, substeps, driven, act };
     swingup.robots[section.robot] = robot;
     const root = document.getElementById(section.robot);
     const [live, player, robustness] = [".live", ".player", "[data-plot=robustness]"].map((name) => root.querySelector(name));

@@ -27,8 +27,15 @@
     return [dq1, dq2, (m22 * force1 - m12 * force2) / determinant, (m11 * force2 - m12 * force1) / determinant];
   }
 
-  /** One step of the classical fourth-order Runge-Kutta method over dt (s), the torque held. */
-  function rk4Step(p, x, u, dt) {
+  /** The classical fourth-order Runge-Kutta method over dt (s), in equal steps, the torque held. */
+  function rk4Step(p, x, u, dt, steps = 1) {
+    for (let step = 0; step < steps; step++) {
+      x = singleStep(p, x, u, dt / steps);
+    }
+    return x;
+  }
+
+  function singleStep(p, x, u, dt) {
     const along = (slope, time) => x.map((value, i) => value + time * slope[i]);
     const k1 = derivative(p, x, u);
     const k2 = derivative(p, along(k1, 0.5 * dt), u);
@@ -79,7 +86,7 @@
    * `controller(x, t)` gives [u1, u2]; without one the section's policy drives.
    */
   function simulate(robot, x0, steps, controller) {
-    const { parameters, dt, act } = swingup.robots[robot];
+    const { parameters, dt, substeps, act } = swingup.robots[robot];
     const control = controller || act || (() => [0, 0]);
     const rows = { time: [], x: [], u: [] };
     let x = Array.from(x0);
@@ -88,7 +95,7 @@
       rows.time.push(step * dt);
       rows.x.push(x);
       rows.u.push(u);
-      x = rk4Step(parameters, x, u, dt);
+      x = rk4Step(parameters, x, u, dt, substeps);
     }
     return rows;
   }
