@@ -129,6 +129,13 @@ def test_what_no_log_can_hold_is_named(tmp_path, named):
     assert named in refusal(read_recording, write(tmp_path / "log.csv", REFUSED[named]))
 
 
+def test_turns_of_an_encoder_are_named(tmp_path):
+    table = changed([1], lambda q: q - 4 * np.pi)
+    warning, *others = read_recording(write(tmp_path / "log.csv", table)).warnings
+    assert "angle 1 begins -2 turns from 0" in warning
+    assert not others
+
+
 def test_lone_zeros_are_left_out(tmp_path):
     lost = np.arange(len(TIME)) % 40 == 20
     table = changed([1, 2], lambda q: np.where(lost[:, None], 0.0, q))

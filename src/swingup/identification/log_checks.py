@@ -219,6 +219,16 @@ def check_stuck(name: str, time: Float[np.ndarray, "rows"], q: Float[np.ndarray,
                 )
 
 
+def find_turns(first: Float[np.ndarray, "2"]) -> list[str]:
+    """Notes on encoders whose first angles are whole turns from 0."""
+    return [
+        f"angle {joint} begins {turns:g} turns from 0: set its encoder to 0 there before a run, since the safety "
+        "guard counts turns"
+        for joint, turns in enumerate(np.round(first / (2 * np.pi)), start=1)
+        if turns
+    ]
+
+
 def find_warnings(
     time: Float[np.ndarray, "rows"],
     u: Float[np.ndarray, "rows 2"],

@@ -24,6 +24,7 @@ from .log_checks import (
     check_time,
     continued,
     cut_episodes,
+    find_turns,
     find_warnings,
     lone_zeros,
     longest_step,
@@ -126,6 +127,7 @@ def read_recording(path: str | Path, columns: Sequence[str] = (), force: bool = 
     assert angles is not None  # the reader refuses a log without angles
     quantum = (_quantum(angles[:, 0]), _quantum(angles[:, 1]))
     q, turn = continued(angles)
+    notes += find_turns(angles[0]) if turn is None else []
     fresh = _fresh_rows(q, quantum, time, values)
     check_fresh(name, fresh, q)
     check_motion(name, q[fresh])
