@@ -127,7 +127,7 @@ REFUSED = {
     f"has no header: its first line must be {HEADER}": [[""], ["", " ", "\n"], ROWS],
     "has titles and no rows of numbers below them": [[HEADER], [HEADER, ""]],
     # Decimal commas shift all that follows.
-    "line 5 has more cells than columns: write decimals with a point": [[HEADER, *ROWS, "0,3,1,2,3,4,5,6"]],
+    "line 5 has more cells than the 7 titles: write decimals with a point": [[HEADER, *ROWS, "0,3,1,2,3,4,5,6"]],
     "line 4, column time: 'fast' is not a number": [cell(0, "fast")],
     "line 4, column tau_con2: nan is not finite": [cell(6, "nan")],
     "line 4, column vel_meas1: 1e999 is not finite": [cell(3, "1e999")],

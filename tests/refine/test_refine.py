@@ -274,7 +274,7 @@ def test_an_adaptation_keeps_the_best_so_far_and_ends_where_a_stage_does_not_hel
         report(RefinementReport((), 1, 1, 1, 0.0, dataclasses.replace(made, regulator=marked), None, {}))
 
     monkeypatch.setattr(adapting, "run_recipe", refined)
-    monkeypatch.setattr(adapting, "save_refined", lambda path, now, *_: write_pendulum_policy(path, now.policy, {}))
+    monkeypatch.setattr(adapting, "save_refined", saved)
     judged = iter([*successes, -1])
     monkeypatch.setattr(adapting, "judge", lambda *_, **__: types.SimpleNamespace(successes=next(judged)))
     out = tmp_path / "mine.safetensors"
@@ -283,6 +283,11 @@ def test_an_adaptation_keeps_the_best_so_far_and_ends_where_a_stage_does_not_hel
     assert found.policy.regulator.leave == load_policy(str(out), "acrobot").regulator.leave == 10.0 + best
     assert (found.domain.name, found.result.successes) == ("recorded", -1)
     assert (f"{out} has the one before" in lines) == (best < stages)
+
+
+def saved(path, now, base, command, seed, **more):
+    """Stands in for ``save_refined``, without criteria."""
+    write_pendulum_policy(path, now.policy, {"command": command, "base": base.metadata.get("preset")} | more)
 
 
 def test_an_interrupted_adaptation_goes_on_after_its_last_finished_stage(tmp_path, monkeypatch):
@@ -297,7 +302,7 @@ def test_an_interrupted_adaptation_goes_on_after_its_last_finished_stage(tmp_pat
             report(RefinementReport((None, None), stage, 2, 2, 0.0, made, None, {}))
 
     monkeypatch.setattr(adapting, "run_recipe", refined)
-    monkeypatch.setattr(adapting, "save_refined", lambda path, now, *_: write_pendulum_policy(path, now.policy, {}))
+    monkeypatch.setattr(adapting, "save_refined", saved)
     monkeypatch.setattr(adapting, "judge", lambda *_, **__: types.SimpleNamespace(successes=50))
     out = tmp_path / "mine.safetensors"
     for each in (load_policy("global", "acrobot"), policy):
@@ -308,4 +313,6 @@ def test_an_interrupted_adaptation_goes_on_after_its_last_finished_stage(tmp_pat
     adapt("acrobot", out, policy=policy, draws=50)
     assert [finished for _, finished, _ in calls] == [0, 0, 1]
     assert calls[1:] == [("adapt", 0, False), ("adapt", 1, True)]
+    # It names the policy with which the first call began, not what the first stage made.
+    assert load_policy(str(out), "acrobot").metadata["base"] == policy.metadata["preset"]
     assert not list(tmp_path.glob("mine-*"))
