@@ -114,7 +114,7 @@ REFUSED = {
     "angle 2 stays at 0.1418 rad from 1 to 3 s, while joint 1 moves by 2 rad": np.vstack(
         [TABLE[:500], np.insert(np.delete(TABLE[500:], 2, axis=1), 2, TABLE[500, 2], axis=1)]
     ),
-    "or where it counts rows with time= and their period": changed(
+    "; if it counts rows, write time=PERIOD (s) instead": changed(
         [0], lambda time: np.arange(len(time), dtype=float)[:, None]
     ),
     # An encoder that flickers leaves no piece of a tenth of a second.

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float
 from ..common.columns import UNITS, completed
 from ..common.errors import SwingupError
 from ..common.table import spread_evenly
+from ..policy.guard import DEAD_TRAVEL
 
 TURNS = (1.0, 2.0 * np.pi, 360.0, *(float(2**k) for k in range(8, 21)), 1000.0, 2000.0, 4000.0, 10000.0)
 """Angles at which encoders wrap, in the units of logs."""
@@ -22,7 +23,6 @@ NEAR_ROWS, NEAR_TIME = 4, 0.02  # rows and time (s) to each side whose median sl
 MINIMUM_JUMP, ACCELERATION = 0.15, 400.0
 """Minimum jump (rad), and the acceleration (rad/s²) that explains more: smaller ones are noise or motion."""
 UNLIKELY_DEVIATIONS = 20.0  # a larger jump, in median deviations, is not noise
-DEAD_TRAVEL = 1.5  # how far a joint may go (rad) before the other one's angle changes, as in the safety guard
 MINIMUM_PIECE = 0.1  # a shorter piece between two jumps (s) is a dropout
 
 
@@ -164,7 +164,7 @@ def check_time(name: str, time: Float[np.ndarray, "rows"], title: str, columns: 
     unit = next((each for each, size in UNITS["time"].items() if low <= period * size <= high), "s")
     if period > MAXIMUM_PERIOD and unit != "s":
         words = completed([f"{title}:{unit}"], columns)
-        counter = ", or where it counts rows with time= and their period in s" if np.all(steps == 1.0) else ""
+        counter = "; if it counts rows, write time=PERIOD (s) instead" if np.all(steps == 1.0) else ""
         raise SwingupError(
             f"{name}: rows are {period:g} s apart (median): the time looks like {unit}; read it with "
             f"--columns {words}{counter}"
