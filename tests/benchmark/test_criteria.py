@@ -6,11 +6,12 @@ import math
 from importlib import resources
 from statistics import fmean
 
+import equinox as eqx
 import numpy as np
 import pytest
 
 from refusals import refusal
-from swingup import benchmark
+from swingup import benchmark, get_controller
 from swingup.benchmark.board import Setting
 from swingup.benchmark.boards import BOARDS, PERFORMANCE
 from swingup.benchmark.leaderboard import ENTRANTS, FURTHER_ENTRANTS, entrants_for, leaderboard, published_rows
@@ -153,6 +154,17 @@ def test_policies_that_ship_with_an_estimator_enter_without_it_too(either_robot)
     assert set(entrants_for(either_robot, {}, (ADAPTIVE,))) == {"adaptive"}
     again = refusal(leaderboard, either_robot, {"adaptive --no-estimator": HANGING}, entrants=(ADAPTIVE,))
     assert "'adaptive --no-estimator' is on the board already" in again
+
+
+def test_on_a_plant_that_was_given_adaptive_begins_with_it_as_evaluate_does(either_robot):
+    heavier, as_shipped = LEADERBOARD.changed(m2=0.55), get_controller(ADAPTIVE, either_robot)
+    entered = entrants_for(either_robot, {}, (ADAPTIVE,), heavier, given=True)[ADAPTIVE]
+    assert eqx.tree_equal(entered, get_controller(ADAPTIVE, either_robot, plant=heavier))
+    assert not eqx.tree_equal(entered, as_shipped)
+    untold = LEADERBOARD.changed(l1=0.3, r1=0.3)
+    for plant, given in ((heavier, False), (untold, True)):
+        entered = entrants_for(either_robot, {}, (ADAPTIVE,), plant, given)[ADAPTIVE]
+        assert eqx.tree_equal(entered, as_shipped)
 
 
 def test_names_on_the_board_are_taken(brief_minute):

@@ -11,7 +11,7 @@ from typing import Any
 from ..common.checks import check_seeds
 from ..common.errors import SwingupError
 from ..controllers.baselines.baselines import BASELINES
-from ..controllers.registry import get_controller, has_estimator
+from ..controllers.registry import Controller, controller_on, has_estimator
 from ..loop.domain import Domain
 from ..loop.resolve import resolve
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
@@ -108,7 +108,7 @@ def leaderboard(
             raise SwingupError(f"the board {board.name} draws plants from a domain: leave the plant {found} out")
         setting = make_setting(robot, board, found if board.domain is None else None)
         names = default_entrants(board) if entrants is None else entrants
-        entered = entrants_for(robot, controllers or {}, names, alone=True, plant=setting.plant)
+        entered = entrants_for(robot, controllers or {}, names, setting.plant, plant is not None, alone=True)
         rows = published_rows(robot, board.name) if usual else []
         for name, controller in entered.items():
             if board.name == "robustness" and name in SHIPPED_ROBUSTNESS and usual and not recompute:
@@ -134,18 +134,28 @@ def entrants_for(
     robot: Robot,
     others: Mapping[str, Any],
     names: Sequence[str] = ENTRANTS,
-    alone: bool = False,
     plant: Plant = LEADERBOARD,
+    given: bool = False,
+    alone: bool = False,
 ) -> dict[str, Any]:
-    """Built-in controllers and others by name; with ``alone`` those with an estimator also without it."""
+    """Built-in controllers on a plant, given or not (:func:`controller_on`), and others by name.
+
+    One that cannot be told the plant enters as it ships. With ``alone`` those with an estimator also without it.
+    """
     # Before controllers are made, which takes seconds.
     taken = sorted({*others} & {*names, *(f"{name}{WITHOUT_ESTIMATOR}" for name in names)})
     if taken:
         raise SwingupError(f"controller {taken[0]!r} is on the board already: give yours another name")
-    ours = {name: get_controller(name, robot, design=plant) for name in names}
+
+    def enter(name: str, estimator: bool | None = None) -> Controller:
+        try:
+            return controller_on(name, robot, plant, estimator, given)
+        except SwingupError:
+            return controller_on(name, robot, plant, estimator, given=False)
+
+    ours = {name: enter(name) for name in names}
     twice = [name for name in names if alone and has_estimator(ours[name])]
-    ours |= {f"{name}{WITHOUT_ESTIMATOR}": get_controller(name, robot, False, design=plant) for name in twice}
-    return ours | dict(others)
+    return ours | {f"{name}{WITHOUT_ESTIMATOR}": enter(name, False) for name in twice} | dict(others)
 
 
 def published_rows(robot: Robot, board: str) -> list[Row]:

@@ -18,7 +18,7 @@ from ..benchmark.robustness_board import RobustnessBoard, change_grid
 from ..common.errors import SwingupError, command_line
 from ..common.files import check_writable, write_atomically
 from ..controllers.check import call_time, call_words, check_controller, slow_call, upright_law
-from ..controllers.registry import BUILT_IN, Controller, controller_on, get_controller
+from ..controllers.registry import BUILT_IN, controller_on
 from ..loop.loop import LOOP_DT
 from ..plant.plant import LEADERBOARD, ROBOTS, Plant, Robot, get_robot
 from ..policy.shipped import DEFAULT
@@ -139,7 +139,7 @@ def evaluate_command(
     for each in boards:
         design = make_setting(robot, each, **loop).plant
         with foreign_prints_apart(), Progress() as progress:
-            found = _made(controller, robot, wanted, design, bool(plant))
+            found = controller_on(controller, robot, design, wanted, given=bool(plant))
             report_progress = partial(progress, each.name)
             result = judge(found, robot, each, seeds, seed=seed, name=controller, progress=report_progress, **loop)
         results.append(result)
@@ -159,18 +159,11 @@ def evaluate_command(
     return 0
 
 
-def _made(name: str, robot: Robot, estimator: bool | None, plant: Plant, given: bool) -> Controller:
-    """The controller for a plant that a user gave, or as it is."""
-    if given:
-        return controller_on(name, robot, plant, estimator)
-    return get_controller(name, robot, estimator, design=plant)
-
-
 def _check(name: str, robot: Robot, estimator: bool | None, given: Plant | None) -> int:
     """Print a controller's faults, and whether it is too slow for its loop; the exit status is 1 with a fault."""
     plant = given or LEADERBOARD
     with foreign_prints_apart():
-        found = _made(name, robot, estimator, plant, given is not None)
+        found = controller_on(name, robot, plant, estimator, given is not None)
         findings = check_controller(found, robot, float(plant.limit(robot.joint)))
         notes: list[str] = []
         if not findings:
@@ -231,7 +224,7 @@ def leaderboard_command(
     boards, on = _boards(board), facts_of(plant)
     with foreign_prints_apart(), Progress() as progress:
         mine = {
-            each: {name: _made(name, each, None, on or LEADERBOARD, on is not None) for name in controller}
+            each: {name: controller_on(name, each, on or LEADERBOARD, given=on is not None) for name in controller}
             for each in robot
         }
         how: Any = {"boards": boards, "seed": seed, "recompute": recompute, "progress": progress, "plant": on}

@@ -73,12 +73,14 @@ def get_controller(
         return from_zeros(with_estimator(found, robot, design.driven(robot)), design)
 
 
-def controller_on(name: str, robot: Robot | str, plant: Plant, estimator: bool | None = None) -> Controller:
+def controller_on(
+    name: str, robot: Robot | str, plant: Plant, estimator: bool | None = None, given: bool = True
+) -> Controller:
     """The controller that a name means on a plant, as it is exported for it.
 
-    A policy that finds its plant begins with this one, and a baseline is designed for it.
+    A baseline is designed for the plant. A policy that finds its plant begins with it, if it was given.
     """
-    begins = not is_law(name) and is_policy(name) and load_policy(name, robot).finds_plant
+    begins = given and not is_law(name) and is_policy(name) and load_policy(name, robot).finds_plant
     return get_controller(name, robot, estimator, plant if begins else None, plant)
 
 

@@ -23,7 +23,7 @@ from jaxtyping import Float
 
 from ..common.errors import SwingupError
 from ..plant.base_parameters import BASE, BASE_NAMES, base_parameters, lumped
-from ..plant.equations import ARRAYS, mass_entries
+from ..plant.equations import ARRAYS, COULOMB_STEEPNESS, STRIBECK_RATE, mass_entries
 from ..plant.momentum import momentum_rows
 from ..plant.plant import Plant
 from .prediction import Integration
@@ -37,7 +37,6 @@ FIRST_SIGMA, MIN_SIGMA = 0.05, 0.01  # Spread of an error before the fit, and at
 ROUNDS = 10
 FAR = 300.0  # Evidence below the best in the first fit from which a suspect is left out
 STILL = 3.0  # Steps of an encoder within which a joint stands
-FADING_RATE = 0.05  # Rate at which stiction fades (rad/s), as in the loop
 
 UNITS = dict(
     zip(BASE_NAMES, ("kg m²", "kg m²", "kg m", "kg m", *["N m s/rad"] * 2, *["N m"] * 2, "kg m²"), strict=True)
@@ -254,7 +253,7 @@ class Balance:
             ratio = centre[INDEX["m2r2"]] / centre[INDEX["k"]]
             found = momentum_rows(before, middle, after, (STEP, STEP), self.setting.geometry, ratio, ARRAYS)
             rate = (q[2:] - q[:-2]) / (2.0 * STEP)
-            rest = np.exp(-((rate / FADING_RATE) ** 2)) * np.arctan(100.0 * rate)
+            rest = np.exp(-((rate / STRIBECK_RATE) ** 2)) * np.arctan(COULOMB_STEEPNESS * rate)
             rows = np.zeros((len(rate), 2, LINEAR + 2))
             for joint, row in enumerate(found):
                 rows[:, joint, [*range(BASE), LINEAR, LINEAR + 1]] = np.stack(np.broadcast_arrays(*row), -1)

@@ -15,13 +15,10 @@ import numpy as np
 from jaxtyping import Array, Float, UInt32
 
 from ..common.types import Count, Key, Scalar, State, Torque
-from ..plant.equations import COULOMB_STEEPNESS
+from ..plant.equations import COULOMB_STEEPNESS, STRIBECK_RATE
 from .loop import LONGEST_PERIOD, LOOP_DT, PERFECT_LOOP, Loop
 
 SHORTEST_LAG = 1e-9  # Shorter lags count as zero (s)
-
-STRIBECK_RATE = 0.05
-"""Rate at which static friction fades (rad/s). Chosen: joints break loose within a few encoder steps."""
 
 JointAngles = Float[Array, "2"]  # q1 and q2 (rad)
 

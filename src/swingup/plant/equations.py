@@ -23,6 +23,7 @@ Pair: TypeAlias = tuple[Number, Number]
 Stack: TypeAlias = Callable[[Any], Any]  # Makes a vector of a pair
 
 COULOMB_STEEPNESS = 100.0  # Slope of the smoothed Coulomb friction cf arctan(100 q̇) (s/rad)
+STRIBECK_RATE = 0.05  # Rate at which stiction fades (rad/s). Chosen: joints break loose within some encoder steps
 
 
 class Lumped(NamedTuple):

@@ -101,7 +101,7 @@ def make_section(
     the baselines are designed for. ``recompute`` is for rows that the package ships because they take minutes.
     """
     robot, found = get_robot(robot), LEADERBOARD if plant is None else resolve(plant).facts
-    shown = entrants_for(robot, controllers or {}, entrants, plant=found)
+    shown = entrants_for(robot, controllers or {}, entrants, found, plant is not None)
 
     def tell(stage: str, done: int, total: int) -> None:
         if progress is not None:
