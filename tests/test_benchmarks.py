@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from safetensors.numpy import save_file
 from scipy.linalg import expm
 
 import swingup
@@ -226,8 +227,26 @@ def test_every_claim_has_a_page_a_command_and_code(script):
         )
         assert all((BENCHMARKS.parent / "src" / "swingup" / name).is_dir() for name in claim.folders), claim
     # A claim of the first day has older code than one of a day to come.
-    first, last = (claims[0]._replace(date=date) for date in ("2000-01-01", "2099-01-01"))
-    assert module.changed_since(first) > module.changed_since(last) == 0
+    first, last, alike = (
+        claims[0]._replace(measured=day) for day in ("2000-01-01", "2099-01-01", "2000-01-01, same bits 2099-01-01")
+    )
+    assert module.changed_since(first) > module.changed_since(last) == module.changed_since(alike) == 0
+
+
+def test_trainings_are_alike_if_what_both_recorded_is(script, tmp_path):
+    difference = script("claims").difference
+
+    def record(name, weight=1.0, **columns):
+        (tmp_path / name).mkdir()
+        row = {"seed": 0, "frames": 8, "seconds": 1.0, "score": 0.5} | columns
+        (tmp_path / name / "metrics.jsonl").write_text(json.dumps(row) + "\n")
+        save_file({"w": np.array([weight, np.nan])}, tmp_path / name / "last.safetensors")
+        return tmp_path / name
+
+    before = record("before")
+    assert difference(before, record("slower", seconds=2.0, another=1.0)) is None
+    assert difference(before, record("worse", score=0.25)) == "score is 0.25 after 8 frames, was 0.5"
+    assert difference(before, record("other", weight=1.0 + 2e-16)) == "w of last.safetensors"
 
 
 def test_a_study_has_a_screen_or_two():
