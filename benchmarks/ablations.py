@@ -102,7 +102,7 @@ def main() -> None:
     options = parser.parse_args()
     for seed in range(options.seeds):
         for name in options.names:
-            if not Study(options.study).has([name], seed):
+            if not Study(options.study).has([name], seed, options.frames):
                 points = train(name, seed, options.frames, options.runs / name / f"seed-{seed}")
                 Study(options.study).add([name], seed, points)  # read again: another process may have added rows
     study = Study(options.study)

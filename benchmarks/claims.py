@@ -44,7 +44,7 @@ SHORT = {
     ],
 }
 """Options of `swingup train`, by the page of a claim that trainings like these have made."""
-CLOCK = {"seconds", "frames_per_second"}
+CLOCK = {"seconds", "frames_per_second", "longest_pause"}
 
 
 class Claim(NamedTuple):

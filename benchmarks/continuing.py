@@ -161,7 +161,7 @@ def main() -> None:
         for task in options.tasks:
             for name, change in {"": Change("", {}), **changes}.items():
                 run = [task, *base, *([name] if name else [])]
-                if not Study(options.study).has(run, seed):
+                if not Study(options.study).has(run, seed, options.frames):
                     change = change._replace(env={**cost, **change.env})
                     points, deterministic = train(task, seed, options.frames, change, options.stream)
                     Study(options.study).add(run, seed, points, COLUMNS, deterministic=round(deterministic, 4))

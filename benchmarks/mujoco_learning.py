@@ -180,7 +180,7 @@ def main() -> None:
     for seed in range(options.first_seed, options.first_seed + options.seeds):
         for task in options.tasks:
             for learner in options.learners:
-                if not Study(options.study).has([task, learner], seed):
+                if not Study(options.study).has([task, learner], seed, options.frames):
                     points = run(learner, task, seed, options.frames)
                     Study(options.study).add([task, learner], seed, points)  # another process may have added to it
     study = Study(options.study)  # the table has all finished runs

@@ -110,6 +110,8 @@ def main() -> None:
     frames = options.frames or get_preset(options.preset).frames
     text = options.results.read_text() if options.results.exists() else ""
     results = [json.loads(line) for line in text.splitlines()]
+    others = [row for row in results if row["preset"] != options.preset]
+    results = [row for row in results if row["preset"] == options.preset]
     done = {(row["preset"], row["plant"], row["robot"], row["seed"]) for row in results}
     for seed in range(options.first_seed, options.first_seed + options.seeds):
         for plant in options.plants:
@@ -118,7 +120,7 @@ def main() -> None:
                 if kind in done:
                     continue
                 results.append(train(*kind, frames, options.runs / "-".join(map(str, kind))))
-                lines = "".join(json.dumps(row) + "\n" for row in results)
+                lines = "".join(json.dumps(row) + "\n" for row in others + results)
                 write_atomically(options.results, lines.encode())
                 print(f"{robot} on {plant}, seed {seed}: {cell(results[-1:])}", flush=True)
     print("\n" + table(results, options.plants, options.robots))

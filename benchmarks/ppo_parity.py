@@ -59,7 +59,7 @@ def main() -> None:
     for seed in range(options.seeds):
         for task in TASKS:
             for name in LEARNERS:
-                if not Study(options.study).has([task, name], seed):
+                if not Study(options.study).has([task, name], seed, options.frames):
                     points = list(LEARNERS[name](task, seed, options.frames))
                     Study(options.study).add([task, name], seed, points)
                     print(

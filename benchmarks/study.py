@@ -2,6 +2,7 @@
 
 import io
 import json
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import median
@@ -56,9 +57,18 @@ class Study:
         if path.exists():
             self.curves = [json.loads(line) for line in path.read_text().splitlines()]
 
-    def has(self, run: Sequence[str], seed: int) -> bool:
-        """Whether such a run is finished."""
-        return any((curve["run"], curve["seed"]) == (list(run), seed) for curve in self.curves)
+    def has(self, run: Sequence[str], seed: int, frames: int) -> bool:
+        """Whether such a run is finished; exits if it is finished with another length, which no mean may mix."""
+        for curve in self.curves:
+            if (curve["run"], curve["seed"]) == (list(run), seed):
+                # Whole rollouts.
+                if not 0.95 * frames < curve["frames"][-1] < 1.05 * frames:
+                    sys.exit(
+                        f"{self._path} has {' '.join(run)} seed {seed} of {curve['frames'][-1]:,} frames, not "
+                        f"{frames:,}: name another --study"
+                    )
+                return True
+        return False
 
     def add(
         self,

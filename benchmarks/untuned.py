@@ -193,6 +193,8 @@ def main() -> None:
     print("|---" * 7 + "|")
     groups: dict[tuple[str, ...], list[dict[str, str]]] = {}
     for line in csv.DictReader(options.file.open()):
+        if int(line["seed"]) not in seeds or line["frames"] != str(options.frames):
+            continue
         groups.setdefault(tuple(line[each] for each in ("task", "change", "learner", "frames")), []).append(line)
     for (task, change, learner, count), lines in groups.items():
         scores = sorted(float(line["score"]) for line in lines)

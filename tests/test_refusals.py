@@ -179,6 +179,11 @@ TOGETHER = {
     "has no resets to choose": lambda: gymnasium.make("swingup/ContinuingSwimmer-v0", resets="chosen"),
     "an environment that was passed in serves one": lambda: AREAPO(Noisy(), seeds=2, **TINY),
     "callback = 3": lambda: AREAPO(Noisy, **TINY).learn(64, 3),
+    "1024 of 1024 steps gave a reward that is not finite": lambda: AREAPO(Lever(first=math.nan), **TINY).learn(64),
+    "a run of the robot pendubot: leave env out": lambda: make_problem("pendubot").on("acrobot"),
+    "evaluation_episodes = 2 has no effect with environments that were passed in": lambda: AREAPO(
+        Noisy(), **(TINY | {"num_envs": 1})
+    ),
     "1024 of 1024 resets gave an observation that is not finite": lambda: AREAPO(Lever(shown=math.nan), **TINY),
     "no LQR can hold this pendubot upright": lambda: get_controller("lqr", "pendubot", plant=c1(I2=1e-12, r2=0.0)),
     "estimator setting acceleration_noise": lambda: dataclasses.replace(

@@ -1,9 +1,12 @@
 """Which parameters the log of an excitation tells, against a truth that is known."""
 
+import json
+
 import pytest
 
 from refusals import refusal
 from swingup.benchmark.excitation_rehearsal import Found, rehearse_identification
+from swingup.cli import main, pendulums
 from swingup.cli.pendulums import identify_command
 from swingup.identification import excitation
 from swingup.identification.excitation import excite
@@ -20,6 +23,17 @@ def test_what_is_no_excitation_is_named(tmp_path):
     assert "is not an excitation" in refusal(lambda: rehearse_identification("C.1", tmp_path / "log.csv"))
     ignored = {"rehearse": "C.1", "out": (str(tmp_path / "mine.yml"),)}
     assert "--out does not go with --rehearse" in refusal(identify_command, ("log.csv",), **ignored)
+
+
+@pytest.mark.parametrize(("value", "status"), [(1.0, 0), (1.2, 1)])
+def test_the_command_says_what_a_log_would_not_tell(value, status, monkeypatch, capsys):
+    found = [Found("k", 1.0, 1.0, (0.9, 1.1), 0.1), Found("m2 r2", 1.0, value, (0.9, 1.3), 0.1)]
+    monkeypatch.setattr(pendulums, "rehearse_identification", lambda plant, file, seed: found)
+    assert main(["identify", "log.csv", "--rehearse", "C.1"]) == status
+    told = capsys.readouterr().out
+    assert ("its log would not tell m2 r2" in told) == bool(status)
+    assert main(["identify", "log.csv", "--rehearse", "C.1", "--json"]) == status
+    assert [row["passes"] for row in json.loads(capsys.readouterr().out)] == [True, not status]
 
 
 @pytest.mark.slow  # two identifications

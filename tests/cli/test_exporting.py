@@ -39,6 +39,11 @@ def test_a_folder_does_not_hide_a_shipped_policy_and_a_law_is_exported_again(run
     assert not Path("law.onnx").exists()
 
 
+def test_zeros_that_are_given_are_subtracted(run):
+    run("export adaptive --robot pendubot --zero1 0.04 --zero2=-0.03 --to c --out policy.h")
+    assert "swingup_zeros[2] = {4.e-02, -3.e-02}" in Path("policy.h").read_text()
+
+
 def test_a_policy_file_and_the_entrys_names(run, tmp_path):
     source = tmp_path / "mine.safetensors"
     save_controller(source, *lone_policy("ar-eapo", "pendubot"))

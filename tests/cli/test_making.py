@@ -1,5 +1,7 @@
 """The command make-controller: what it writes beside a header, and what it refuses first."""
 
+from pathlib import Path
+
 import pytest
 
 from refusals import refusal
@@ -46,6 +48,17 @@ def test_from_a_plant_to_a_header_with_its_zeros(run, tmp_path):
     assert policy.metadata["base"]["policy"] == "adaptive"
     header = (tmp_path / "policy.h").read_text()
     assert "swingup_zeros[2] = {4.e-02, 0.e+00}" in header
+
+
+@pytest.mark.slow
+def test_from_two_logs_to_a_header(run, tmp_path):
+    logs = Path(__file__).parents[2] / "examples" / "logs"
+    sources = [str(logs / f"C1-excitation-{number}.csv") for number in (1, 2)]
+    told = run("make-controller", *sources, "--robot", "acrobot", "--seeds", "2", "--out", "policy.h")
+    assert "2 of 2" in told
+    assert load_pendulum_policy("policy.safetensors").plant == load_plant("policy-plant.yml")
+    assert (tmp_path / "policy-plant-domain.yml").exists()
+    assert "swingup_zeros[2]" in (tmp_path / "policy.h").read_text()
 
 
 def lacks_swing_up(*_, **__):

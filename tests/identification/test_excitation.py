@@ -138,6 +138,13 @@ def test_torques_that_no_excitation_may_have():
     assert "within 3 rad and 20 rad/s" in refusal(search.excite, domain=WILD, duration=3, alone=True)
 
 
+def test_torques_alone_have_no_feedback():
+    found = search.excite(SMALL, duration=3, speed=4.0, alone=True)
+    assert not found.feedback.any()
+    assert np.abs(found.torque).max() > 0.0
+    assert found.speed <= 4.0
+
+
 def test_the_strongest_that_all_plants_bear():
     found, again = (search.excite(SMALL, duration=3, speed=4.0, angle=1.0) for _ in range(2))
     assert found.angle <= 1.0

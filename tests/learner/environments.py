@@ -103,10 +103,11 @@ def chains(count, kind, mode=AutoresetMode.SAME_STEP):
 
 
 class Lever(AbstractTask):
-    """In JAX: ten choices of three, which pay 1, 2 and 3; ``shown`` is what is seen for each step so far."""
+    """In JAX: ten choices of three, which pay ``first`` and 0, 1 or 2 more; each step is seen as ``shown``."""
 
     ends: float = 10.0
     shown: float = 0.0
+    first: float = 1.0
 
     observation_size = 1
     action_size = 1
@@ -120,4 +121,4 @@ class Lever(AbstractTask):
 
     def step(self, state, action, key):
         after = state + 1.0
-        return Step(after, self.observe(after), 1.0 + action[0], jnp.array(False), after >= self.ends)
+        return Step(after, self.observe(after), self.first + action[0], jnp.array(False), after >= self.ends)

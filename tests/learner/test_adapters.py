@@ -32,6 +32,18 @@ SMOOTH = dataclasses.replace(smooth_task(ROBOTS["acrobot"]), truncation_probabil
 ACROBOT = PendulumEnvironment("acrobot", SMOOTH)
 
 
+class Like(gymnasium.Env):
+    """Gymnasium's environment with methods and attributes of other packages' names."""
+
+    action_size, init = 3, print
+    observation_space = action_space = gymnasium.spaces.Box(-1.0, 1.0)
+
+
+def test_an_environment_of_gymnasiums_is_one_whatever_it_has_besides():
+    for env in (Like(), SyncVectorEnv([Like])):
+        assert as_task(env) is env
+
+
 def moved_by(place, time):
     return lambda starts: starts + np.array([place, time])
 

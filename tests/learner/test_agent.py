@@ -67,6 +67,21 @@ def test_an_interrupted_learner_stands_where_it_stood(tmp_path, monkeypatch, rai
     assert same_weights(model, AREAPO.load(tmp_path / "model.safetensors", env=Failing).learn(64))
 
 
+class Told(Noisy):
+    """Says of every end that it was a success."""
+
+    def step(self, action):
+        *step, _ = super().step(action)
+        return *step, {"is_success": True} if step[3] else {}
+
+
+def test_a_loaded_learner_knows_that_its_environments_name_successes(tmp_path):
+    model = AREAPO(Told, **TINY).learn(512)
+    model.save(tmp_path / "model.safetensors")
+    for found in (model, AREAPO.load(tmp_path / "model.safetensors", env=Told)):
+        assert [each.names_goals for each in found._run.backend._environments] == [True]
+
+
 def test_a_callback_that_raises_lets_the_folder_go(tmp_path):
     model = AREAPO(Noisy, folder=tmp_path / "run", **TINY)
     with pytest.raises(ZeroDivisionError) as caught:

@@ -10,6 +10,7 @@ import pytest
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
 from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
+from gymnasium.wrappers.vector import RescaleAction
 
 from refusals import refusal
 from swingup.learner.environments import Environments, make_environments
@@ -79,6 +80,24 @@ class Told(Reached):
         return *step, info if info["is_success"] else {}
 
 
+class Exact(Reached):
+    """Says it as NumPy does, which workers' infos keep as objects."""
+
+    made = 0
+
+    def step(self, action):
+        *step, info = super().step(action)
+        return *step, {"is_success": np.bool_(info["is_success"])}
+
+
+def test_successes_of_numpy_come_through_infos_of_objects(monkeypatch):
+    several = SyncVectorEnv([Exact] * 2, autoreset_mode=AutoresetMode.SAME_STEP)
+    monkeypatch.setattr("swingup.learner.environments.CheckedEnvironment", lambda env, stream=False: env)
+    environments = make_environments(several, 2)
+    environments.reset(0)
+    assert [environments.step(ZEROS).goals.tolist() for _ in range(3)][-1] == [True, False]
+
+
 @pytest.mark.parametrize("kind", [Reached, Told])
 @pytest.mark.parametrize("mode", AutoresetMode)
 def test_successes_are_those_of_the_ends(mode, kind):
@@ -126,6 +145,7 @@ UNTRAINABLE = {
     "NormalizeObservation normalises observations by": [
         lambda: NormalizeObservation(Stairs()),
         gymnasium.wrappers.vector.NormalizeObservation(SyncVectorEnv([Stairs] * 2)),
+        RescaleAction(SyncVectorEnv([lambda: NormalizeObservation(Stairs())] * 2), -1.0, 1.0),
     ],
     "NormalizeReward normalises rewards": [
         lambda: TimeLimit(NormalizeReward(Stairs()), 9), SyncVectorEnv([lambda: NormalizeReward(Stairs())] * 2),

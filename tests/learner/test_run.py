@@ -35,6 +35,27 @@ CONFIG = dataclasses.replace(
 """That of the commands' tests, too, which so find their programs compiled."""
 FRAMES = 64
 """Frames of one iteration."""
+
+
+def test_a_command_names_seeds_that_are_not_the_presets():
+    for preset, usual in (("fast", 2), ("pendulum", 1)):
+        for seeds in (1, 2):
+            command = make_run_settings("acrobot", preset, seeds=seeds).command(64)
+            assert (f"--seeds={seeds}" in command) == (seeds != usual)
+    assert ", seeds=3)" in make_run_settings(Corridor(), "continuing", seeds=3).command(64)
+
+
+def test_a_cost_of_another_unit_is_not_the_presets():
+    for preset, change, cost in (("continuing", "reset_cost", 10.0), ("continuing", "adaptive_cost", 100.0)):
+        assert make_run_settings("Hopper-v5", preset, {"terminations": change}).config.reset_cost == cost
+
+
+def test_the_module_of_an_id_changes_no_default():
+    for name in ("swingup/ContinuingAnt-v0", "swingup/AcrobotSwingup-v0"):
+        alone, within = (make_run_settings(each) for each in (name, f"swingup.gym:{name}"))
+        assert (within.preset, within.evaluate_every) == (alone.preset, alone.evaluate_every)
+
+
 SETTINGS = RunSettings(make_problem("acrobot"), "pendulum", 0, 1, 2 * FRAMES, 4 * FRAMES, CONFIG)
 
 

@@ -4,9 +4,10 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.spaces import Box, Discrete
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from refusals import refusal
-from swingup import AREAPO
+from swingup import AREAPO, evaluate_policy
 from swingup.cli import main
 from swingup.learner.environments import make_environments
 from swingup.learner.host_backend import collect_on_host
@@ -62,6 +63,8 @@ def test_a_plant_is_reset_once_whatever_happens_and_a_loaded_learner_goes_on_bit
     assert first.pause > 0.0
     assert all(row["longest_pause"] > 0.0 and row["late_steps"] == 0 for row in rows)
     assert "what was passed in trains" in refusal(second.evaluate)
+    for again in (lambda: second.evaluate(env=plants[1]), lambda: evaluate_policy(second, plants[1])):
+        assert "runs as a stream that is never reset" in refusal(again)
     assert second.evaluate(env=Plant())["mean_length"] == 200
 
 
@@ -89,6 +92,22 @@ def test_infos_that_say_nothing_and_late_steps_of_another_shape():
         assert not environments.step(np.zeros((1, 1))).late.any()
     for vector.infos in ({"late": np.ones(3)}, {"late": "yes"}):
         assert "gave late" in refusal(environments.step, np.zeros((1, 1)))
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_a_vector_of_streams_that_ends_is_not_reset_either(mode):
+    plants = [Plant(ends=(False, True)) for _ in range(2)]
+    several = SyncVectorEnv([lambda plant=plant: plant for plant in plants], autoreset_mode=mode)
+    model = AREAPO(several, **(STREAM | {"num_envs": 2}))
+    for _ in range(2):
+        assert "truncated, but is never to be reset" in refusal(model.learn, 64)
+    assert [plant.resets for plant in plants] == [1, 1]
+
+
+def test_a_stream_of_an_id_has_no_time_limit():
+    environments = make_environments("Pendulum-v1", 1, stream=True)
+    environments.reset(0)
+    assert not any(environments.step(np.zeros((1, 1))).ended.any() for _ in range(201))
 
 
 def test_late_steps_are_counted_and_cut_the_stream():

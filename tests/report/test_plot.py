@@ -3,6 +3,7 @@
 import functools
 import json
 import math
+import shutil
 from xml.etree import ElementTree
 
 import matplotlib
@@ -220,6 +221,18 @@ def test_gif_has_the_right_pictures_and_duration(tmp_path, fps, speed, count):
     assert sum(delays) == pytest.approx(1000 * 2.0 / speed, abs=5)
     assert max(delays) - min(delays) <= 10
     assert not np.array_equal(pictures[0], pictures[-1])
+
+
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="ffmpeg is not installed")
+def test_mp4_has_an_even_number_of_rows(tmp_path):
+    animate([(at_500_hz(), "acrobot")], tmp_path / "film.mp4", fps=10, size=49)
+    assert (tmp_path / "film.mp4").read_bytes()[4:8] == b"ftyp"
+
+
+def test_a_film_in_mp4_needs_ffmpeg(tmp_path, monkeypatch):
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    found = refusal(animate, [(at_500_hz(), "acrobot")], tmp_path / "film.mp4", fps=10, size=48)
+    assert "needs ffmpeg, which is missing" in found
 
 
 def test_two_pendulums_move_side_by_side_also_as_webp(tmp_path):

@@ -66,7 +66,7 @@ class Config(eqx.Module):
     """Steps of each environment in a rollout."""
     num_epochs: int = _static(6, 1)
     """Passes over a rollout."""
-    batch_size: int = _static(1024, 1)
+    batch_size: int = _static(1024, 2)
     """Frames in a minibatch."""
     policy_layers: tuple[int, ...] = _static((256, 256), 1)
     """Widths of the policy's hidden layers."""

@@ -14,7 +14,7 @@ from .config import Config
 from .networks import BOUNDS, Actor, AnyActor, CategoricalActor, Critic, Linear
 from .optimisation import make_optimiser
 from .state import LearnerState, Rollout
-from .statistics import MIN_RELATIVE_DEVIATION, mean, running_statistics
+from .statistics import ROUNDING, mean, running_statistics
 
 COSTLY_SHARE = 0.05
 """Noise is too expensive if squared actions explain this share of the rewards' variance. With the initial deviation
@@ -81,9 +81,9 @@ def wait_for_rewards(before: LearnerState, after: LearnerState, rollout: Rollout
 def price_of_actions(actor: AnyActor, rollout: Rollout) -> tuple[Scalar, Flag]:
     """Share of the rewards' variance that a price of Σ a² explains, and whether rewards vary at all."""
     counted = jnp.ones_like(rollout.rewards) if rollout.counted is None else rollout.counted
-    typical = mean(rollout.rewards, counted)
-    rewards = rollout.rewards - typical
-    varies = jnp.any(counted * jnp.abs(rewards) > MIN_RELATIVE_DEVIATION * jnp.abs(typical))
+    rewards = rollout.rewards - mean(rollout.rewards, counted)
+    first = rollout.rewards.reshape(-1)[jnp.argmax(counted.reshape(-1) > 0.0)]  # exact, as a mean is not
+    varies = jnp.any(counted * jnp.abs(rollout.rewards - first) > ROUNDING * jnp.abs(first))
     if isinstance(actor, CategoricalActor):
         return jnp.zeros(()), varies
     efforts = jnp.sum(BOUNDS[actor.bounds](rollout.latents) ** 2, axis=-1)

@@ -55,15 +55,16 @@ def charge_resets(state: LearnerState, rollout: Rollout, config: Config) -> tupl
 def reached_goals(rollout: Rollout) -> tuple[Bool[Array, "steps envs"], Float[Array, "steps envs"]]:
     """Which terminations are a success, and the reward that each then has.
 
-    The environment says so; or else a success earns far more than the other steps. Or every step costs the same,
-    also the last one: then an end saves what further steps would cost, and to say so, the last one is made free.
+    The environment says so; or else a success earns far more than the other steps, of which there must be some. Or
+    every step costs the same, also the last one: then an end saves what further steps would cost, and to say so,
+    the last one is made free.
     """
     counted = jnp.ones_like(rollout.rewards) if rollout.counted is None else rollout.counted
     others = counted * (1.0 - rollout.terminated)
     typical = mean(rollout.rewards, others)
     gains = rollout.rewards - typical
     rounding = MIN_RELATIVE_DEVIATION * jnp.abs(typical)
-    higher = gains > GOAL_DEVIATIONS * jnp.sqrt(mean(gains**2, others)) + rounding
+    higher = (gains > GOAL_DEVIATIONS * jnp.sqrt(mean(gains**2, others)) + rounding) & jnp.any(others > 0.0)
     alike = (typical < 0.0) & jnp.all(counted * jnp.abs(gains) <= rounding)
     goals = higher | alike if rollout.goals is None else rollout.goals
     return rollout.terminated & goals, jnp.where(alike, 0.0, rollout.rewards)

@@ -102,6 +102,14 @@ class AbstractBackend(abc.ABC):
     def evaluate(self, policies: Sequence[Policy[Any]]) -> list[Evaluation]:
         """The results of the policies of all seeds, by which :func:`.rank` compares them."""
 
+    def memory(self) -> Any:
+        """What it knows of its environments beside the learner's state, as JSON values, for a checkpoint."""
+        return None
+
+    def remember(self, memory: Any) -> None:
+        """Take up what :meth:`memory` gave before."""
+        del memory  # nothing
+
     def find_fault(self) -> str:
         """The fault of the environment after training diverged, with its remedy; empty if there is none."""
         return ""  # the host checks every observation and reward when it comes

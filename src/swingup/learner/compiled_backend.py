@@ -23,7 +23,7 @@ from ..areapo.state import LearnerState, Metrics, Purpose, root_key
 from ..benchmark.judge import judge
 from ..common import cores
 from ..common.errors import SwingupError
-from ..common.types import Flag, Key
+from ..common.types import Flag, Key, Observation, Scalar
 from ..controllers.interface import from_zeros
 from ..controllers.stack.policy import Policy, PolicyController, policy_of, save_controller
 from ..plant.plant import LEADERBOARD, Plant
@@ -106,14 +106,22 @@ class CompiledBackend(AbstractBackend):
             return list(pool.map(self.evaluator.evaluate, policies))
 
     def find_fault(self) -> str:
-        """Whether resets of the task give observations that are not finite."""
+        """Whether resets of the task, or first steps with random actions, give numbers that are not finite."""
+
+        def try_out(key: Key) -> tuple[Observation, Observation, Scalar]:
+            state, spaces = self._task.reset(key), self._task.spaces
+            action = jax.random.uniform(key, (spaces.action_size,), minval=-1.0, maxval=1.0)
+            if spaces.choices:
+                action = jnp.floor(0.5 * (action + 1.0) * jnp.asarray(spaces.choices)).astype(int)
+            taken = self._task.step(state, action, key)
+            return self._task.observe(state), self._task.observe(taken.state), taken.reward
+
         keys = jax.random.split(root_key(self._seeds[0], Purpose.FAULT_SEARCH), RESETS_TRIED)
-        observe = jax.jit(jax.vmap(lambda key: self._task.observe(self._task.reset(key))))
-        observations = np.asarray(observe(keys))
-        broken = int(np.sum(~np.isfinite(observations).all(axis=-1)))
-        if not broken:
-            return ""
-        return f"{broken} of {RESETS_TRIED} resets gave an observation that is not finite: correct the task's reset"
+        what = "resets gave an observation", "steps gave an observation", "steps gave a reward"
+        for words, found in zip(what, jax.jit(jax.vmap(try_out))(keys), strict=True):
+            if broken := int(np.sum(~np.isfinite(np.asarray(found)).reshape(RESETS_TRIED, -1).all(axis=1))):
+                return f"{broken} of {RESETS_TRIED} {words} that is not finite: correct the task"
+        return ""
 
     def close(self) -> None:
         """Nothing to free."""

@@ -108,6 +108,10 @@ class Environments:
         """Whether no row is spent on a reset, or late."""
         self.stream = stream
         self._source = (members or [env])[0].unwrapped
+        if not stream and id(self._source) in RUNNING:
+            raise SwingupError(
+                f"{name} runs as a stream that is never reset: take another one, or the stream's reward rate"
+            )
         self._env, self._mode, self._name, self._lent = env, mode, name, lent
         self.episodes: list[tuple[float, int]] = []
         """Return and length of each episode that ended since the last reset; who reads them may clear them."""
@@ -163,7 +167,7 @@ class Environments:
                 _refuse_end(self._name, bool(terminated.any()))
             told = returned["infos"]
             if isinstance(told, Mapping) and LATE in told:
-                late = self._array(LATE, told[LATE], each, "biuf") != 0
+                late = self._flags(LATE, told[LATE])
             counted = ~late
         following, true_next = self._around_resets(observations, terminated | truncated, returned["infos"])
         rewards = np.where(counted, rewards, np.float32(0.0))
@@ -188,7 +192,7 @@ class Environments:
             return goals
         told = infos.get("final_info", infos) if isinstance(infos, Mapping) else None
         if isinstance(told, Mapping) and SUCCESS in told:
-            goals = ended & self._array(SUCCESS, told[SUCCESS], ended.shape, "biuf").astype(np.bool_)
+            goals = ended & self._flags(SUCCESS, told[SUCCESS])
             self.names_goals = True
         # An environment may say it of successes alone.
         self.successes += goals[ended].tolist()
@@ -256,6 +260,12 @@ class Environments:
             )
         return single
 
+    def _flags(self, name: str, value: Any) -> Bool[np.ndarray, "envs"]:
+        """An entry of infos for each environment, which Gymnasium keeps as objects where it is one of NumPy's."""
+        if isinstance(value, np.ndarray) and value.dtype == object:
+            value = np.array([False if each is None else each for each in value])
+        return self._array(name, value, (self.num_envs,), "biuf") != 0
+
     def _array(self, what: str, value: Any, shape: tuple[int, ...], kinds: str) -> np.ndarray:
         """An array of a shape and of NumPy's kinds.
 
@@ -282,7 +292,7 @@ def make_environments(env: Any, num_envs: int, stream: bool = False) -> Environm
             "in AREAPO(lambda: MyEnv(...))"
         )
     if isinstance(env, VectorEnv):
-        return Environments(_checked_vector(env), lent=True, stream=stream)
+        return Environments(_checked_vector(env, stream), lent=True, stream=stream)
     found = _makers(env, stream)
     makers = [found] * num_envs if callable(found) else found
     with errors_named_after(f"making {num_envs} of {quoted(env, 200)}", f"use {MAKES_SENSE}"):
@@ -330,7 +340,7 @@ def _makers(env: Any, stream: bool) -> Sequence[Callable[[], Any]] | Callable[[]
         window = {"render_mode": None} if spec.kwargs.get("render_mode") == "human" else {}
         return functools.partial(gymnasium.make, spec, **window)
     if isinstance(env, str):
-        return functools.partial(make_by_id, env)
+        return functools.partial(make_by_id, env, **({"max_episode_steps": -1} if stream else {}))
     if callable(env):
         return env
     raise SwingupError(f"{type(env).__name__} {one_line(env, 200)} cannot be trained on: use {MAKES_SENSE}")
@@ -363,13 +373,16 @@ def _one(make: Callable[[], Any], stream: bool) -> gymnasium.Env[Any, Any]:
     return CheckedEnvironment(made, stream)
 
 
-def _checked_vector(env: VectorEnv[Any, Any, Any]) -> VectorEnv[Any, Any, Any]:
+def _checked_vector(env: VectorEnv[Any, Any, Any], stream: bool) -> VectorEnv[Any, Any, Any]:
     """The vector environment, with checks of what it is made of where that is in this process."""
     _refuse_normalisers(env)
     if type(env) is not SyncVectorEnv:
         return env
     checked: Any = copy.copy(env)  # its owner's keeps its environments as they are
-    checked.envs = list(map(CheckedEnvironment, checked.envs))
+    checked.envs = [CheckedEnvironment(each, stream) for each in checked.envs]
+    if stream:  # nor is it reset at an end that is refused
+        checked.autoreset_mode = AutoresetMode.DISABLED
+        checked.metadata = checked.metadata | {"autoreset_mode": AutoresetMode.DISABLED}
     return checked
 
 
@@ -397,6 +410,8 @@ def _refuse_normalisers(env: Any) -> None:
                 f"{type(env).__name__} normalises {what} by statistics of its own, which an evaluation on other "
                 f"environments lacks: leave it out ({itself}), or set its update_running_mean to False"
             )
+        for each in fields.get("envs", ()):
+            _refuse_normalisers(each)
         env = fields.get("env")
 
 

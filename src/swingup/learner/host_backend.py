@@ -97,7 +97,12 @@ class HostBackend(AbstractBackend):
                 f"seeds = {len(seeds)}, but an environment that was passed in serves one: pass the function that "
                 "makes it"
             )
-        self._environments = [make_environments(env, config.num_envs, stream) for _ in seeds]
+        self._environments: list[Environments] = []
+        with contextlib.ExitStack() as stack:
+            for _ in seeds:
+                self._environments.append(make_environments(env, config.num_envs, stream))
+                stack.callback(self._environments[-1].close)
+            stack.pop_all()  # all were made
         first = self._environments[0]
         self._config, self._seeds = config, seeds
         self.evaluator = EpisodeEvaluator(None if passed_in or stream else env, name, first, seeds[0], episodes)
@@ -184,6 +189,17 @@ class HostBackend(AbstractBackend):
         """The results of all seeds: of episodes that are played, or of the training since the last report."""
         # In the caller's thread, on which an environment may depend.
         return self._training_results if self._scored_by_training else list(map(self.evaluator.evaluate, policies))
+
+    def memory(self) -> list[bool]:
+        """Whether the environments of each seed ever said whether an end is a success."""
+        return [each.names_goals for each in self._environments]
+
+    def remember(self, memory: Any) -> None:
+        """Take up what :meth:`memory` gave; a checkpoint of an older version has nothing."""
+        for environments, names_goals in zip(
+            self._environments, memory if isinstance(memory, list) else (), strict=False
+        ):
+            environments.names_goals = bool(names_goals)
 
     def close(self) -> None:
         """Close the environments, except one that was passed in."""

@@ -104,6 +104,11 @@ class AbstractProblem(abc.ABC):
     def arguments(self) -> str:
         """The arguments that name it in a call of ``swingup.AREAPO``."""
 
+    @property
+    def own_number(self) -> int | None:
+        """The number of environments that were passed in; None where any number is made."""
+        return None
+
     def sizes(self, config: Config) -> dict[str, int]:
         """The rollout's sizes that are not those of the preset."""
         return {}
@@ -182,6 +187,10 @@ class RobotProblem(AbstractProblem):
 
     def on(self, env: Any) -> "RobotProblem":
         """The robot on a task that is passed in, or else on the preset's."""
+        if not (env is None or env == self.name or isinstance(env, AbstractPendulumTask)):
+            raise SwingupError(
+                f"env = {one_line(env, 80)}, but this is a run of the robot {self.name}: leave env out"
+            )
         return dataclasses.replace(self, task=env if isinstance(env, AbstractPendulumTask) else None)
 
     def check_episodes(self, episodes: int) -> None:
@@ -279,7 +288,7 @@ class HostProblem(AbstractEnvironmentProblem):
     @property
     def continuing(self) -> bool:
         """Whether it is a stream, one of the continuing tasks, or an object that counts resets as they do."""
-        if self.stream or self.name.startswith(CONTINUING):
+        if self.stream or id_of(self.name).startswith(CONTINUING):
             return True
         if self.env is None or isinstance(self.env, str):
             return False
@@ -290,7 +299,7 @@ class HostProblem(AbstractEnvironmentProblem):
     @property
     def kind(self) -> str:
         """By the id."""
-        return DM_ACROBOT if self.name in ACROBOT_IDS else ENVIRONMENT
+        return DM_ACROBOT if id_of(self.name) in ACROBOT_IDS else ENVIRONMENT
 
     @property
     def preset(self) -> str | None:
@@ -321,16 +330,21 @@ class HostProblem(AbstractEnvironmentProblem):
 
     def sizes(self, config: Config) -> dict[str, int]:
         """The number of environments that were passed in; of a stream one, which fills the preset's rollout."""
-        number = None
-        if self.env is not None and not isinstance(self.env, str):
-            # Imported here: Gymnasium is slow to load, and neither robots nor ids need it yet.
-            from .environments import own_number
-
-            number = own_number(self.env, self.stream)
+        number = self.own_number
         if self.stream:
             number = number or 1
             return {"num_envs": number, "num_steps": max(1, config.rollout_size // number)}
         return {} if number is None else {"num_envs": number}
+
+    @property
+    def own_number(self) -> int | None:
+        """That of a list, a vector environment or one environment."""
+        if self.env is None or isinstance(self.env, str):
+            return None
+        # Imported here: Gymnasium is slow to load, and neither robots nor ids need it yet.
+        from .environments import own_number
+
+        return own_number(self.env, self.stream)
 
     def check_episodes(self, episodes: int) -> None:
         """Refuse to evaluate on a stream. Otherwise, with 0, the training episodes give the score."""
@@ -344,8 +358,9 @@ class HostProblem(AbstractEnvironmentProblem):
         """The host's back end; dm_control's acrobot has a task in JAX for its own preset."""
         if self.env is None:
             raise SwingupError(f"this run's environment was passed in ({self.name}): pass it again as env")
-        if not self.stream and preset == ACROBOT_PRESET and isinstance(self.env, str) and self.env in ACROBOT_IDS:
-            practice = _passed_in(self.name, acrobot_practice(ACROBOT_IDS[self.env]))
+        named = id_of(self.env) if isinstance(self.env, str) else None
+        if not self.stream and preset == ACROBOT_PRESET and named in ACROBOT_IDS:
+            practice = _passed_in(self.name, acrobot_practice(ACROBOT_IDS[named]))
             return practice.backend(preset, config, seeds, episodes)
         from .host_backend import HostBackend
 
@@ -356,6 +371,11 @@ class HostProblem(AbstractEnvironmentProblem):
         from .host_backend import play_once
 
         return play_once(policy, self.env, episodes, seed, trained)
+
+
+def id_of(name: str) -> str:
+    """The id without the module that registers it, of ``module:id``."""
+    return name.rpartition(":")[2]
 
 
 def make_problem(env: Any, plant: PlantLike | None = None, resets: str | None = None) -> AbstractProblem:

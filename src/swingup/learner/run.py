@@ -44,6 +44,7 @@ from .run_settings import (
     write_run_settings,
 )
 
+MEMORY = "memory"  # Of a checkpoint's metadata: what the back end remembers
 Snapshot = tuple[LearnerState, dict[str, Any]]  # The complete state, and the metadata of a checkpoint
 
 
@@ -113,7 +114,8 @@ class Run:
         self._check_finite((self.progress.state.actor, self.progress.state.critic), "weights are")
         self._fresh = True
         metadata = self.progress.metadata(self.settings)
-        return self.progress.state, metadata | {"actions": self.backend.evaluator.action_space.describe()}
+        actions = self.backend.evaluator.action_space.describe()
+        return self.progress.state, metadata | {"actions": actions, MEMORY: self.backend.memory()}
 
     def extend(self, frames: int) -> None:
         """Set the goal to this number of frames more than the run has trained for."""
@@ -258,20 +260,32 @@ def start_run(settings: RunSettings, folder: str | Path | None, frames: int) -> 
     if place is not None:
         place.check_new()
     backend = settings.make_backend()
-    state = backend.init()  # compiles for seconds, before the folder is made: interrupted here, nothing is left
-    # A reset that is not finite would show only after the first chunk, as a divergence.
-    if not is_finite(state.observations):
-        raise SwingupError(f"{settings.problem.name} cannot be trained on: {backend.find_fault()}")
-    progress = TrainingProgress(state, (UNRANKED,) * settings.seeds)
-    run = Run(settings, backend, progress, goal, place)
-    if place is not None:
-        make_folder(place.checkpoints)
-        write_run_settings(place.path, settings, goal)
-        # The untrained policy, to look back at.
-        run.save_policy(place.path / FIRST, 0, run.policies()[0], Evaluation(None))
-    # A run that is killed before its first chunk ends can be resumed, too.
-    run.save_checkpoint()
+    with _closed_on_error(backend):
+        state = backend.init()  # compiles for seconds, before the folder is made: interrupted here, nothing is left
+        # A reset that is not finite would show only after the first chunk, as a divergence.
+        if not is_finite(state.observations):
+            fault = backend.find_fault() or "a reset gave an observation that is not finite: correct it there"
+            raise SwingupError(f"{settings.problem.name} cannot be trained on: {fault}")
+        progress = TrainingProgress(state, (UNRANKED,) * settings.seeds)
+        run = Run(settings, backend, progress, goal, place)
+        if place is not None:
+            make_folder(place.checkpoints)
+            write_run_settings(place.path, settings, goal)
+            # The untrained policy, to look back at.
+            run.save_policy(place.path / FIRST, 0, run.policies()[0], Evaluation(None))
+        # A run that is killed before its first chunk ends can be resumed, too.
+        run.save_checkpoint()
     return run
+
+
+@contextlib.contextmanager
+def _closed_on_error(backend: AbstractBackend) -> Generator[None]:
+    """Close the environments of a run that its caller never gets."""
+    try:
+        yield
+    except BaseException:
+        backend.close()
+        raise
 
 
 def resume_run(folder: str | Path, frames: int | None = None, env: Any = None) -> Run:
@@ -338,6 +352,7 @@ def start_from_policy(path: str | Path, env: Any = None) -> Run:
     with naming(f"cannot begin with {path}"):
         settings = settings_of_policy(metadata, env)
         run = start_run(settings, None, settings.config.rollout_size)
+    with naming(f"cannot begin with {path}"), _closed_on_error(run.backend):
         evaluator, state = run.backend.evaluator, run.progress.state
         if ACTION_SPACE in metadata:
             check_actions(metadata[ACTION_SPACE], evaluator.action_space)
@@ -364,6 +379,8 @@ def _restored(
 ) -> tuple[RunSettings, AbstractBackend, TrainingProgress]:
     settings = replace(settings, problem=settings.problem.on(env))
     backend = settings.make_backend()
-    state, metadata = load(jax.eval_shape(backend.init))
-    check_actions(metadata.get("actions"), backend.evaluator.action_space)
-    return settings, backend, read_progress(state, metadata, settings, source)
+    with _closed_on_error(backend):
+        state, metadata = load(jax.eval_shape(backend.init))
+        check_actions(metadata.get("actions"), backend.evaluator.action_space)
+        backend.remember(metadata.get(MEMORY))
+        return settings, backend, read_progress(state, metadata, settings, source)

@@ -89,14 +89,16 @@ class RunSettings:
     def command(self, frames: int) -> str:
         """The command that makes such a run from scratch; in Python where environment or plant has no name."""
         problem = self.problem
+        seeds = None if self.seeds == get_preset(self.preset).seeds else self.seeds
         if problem.command is None:
             words = [problem.arguments, f"preset={self.preset!r}", f"seed={self.seed}"]
+            words += [] if seeds is None else [f"seeds={seeds}"]
             words += [f"{name}={value!r}" for name, value in self._changed().items()]
             comment = f"  # env: {problem.name}" if problem.name.startswith("<") else ""
             return f"swingup.AREAPO({', '.join(words)}).learn({frames}){comment}"
         options = {**problem.command, "preset": self.preset, "frames": frames, "seed": self.seed}
         robot = [options.pop("robot")] if "robot" in options else []
-        options |= {"seeds": None if self.seeds == 1 else self.seeds, **self._changed()}
+        options |= {"seeds": seeds, **self._changed()}
         return command_line("train", *robot, **options)
 
     def _changed(self) -> dict[str, Any]:
@@ -125,6 +127,11 @@ def make_run_settings(
     chosen = problem.choose_preset(preset)
     config = config_for(problem, chosen, changes or {})
     check_effects(changes or (), config)
+    if given.get("evaluation_episodes") and problem.own_number is not None:
+        raise SwingupError(
+            f"evaluation_episodes = {given['evaluation_episodes']} has no effect with environments that were "
+            "passed in, whose training gives the score: leave it out, or pass the function that makes one"
+        )
     values = {"seed": 0, "seeds": get_preset(chosen).seeds, **vars(problem.intervals)}
     values |= {name: value for name, value in given.items() if value is not None}
     return RunSettings(problem, chosen, config=config, **values)
@@ -132,8 +139,11 @@ def make_run_settings(
 
 def config_for(problem: AbstractProblem, preset: str, changes: Mapping[str, Any]) -> Config:
     """The hyperparameters of a preset for a problem, with changes by name; misspelt names are refused."""
-    usual = get_preset(preset).config
-    return config_from_dict(vars(usual) | problem.sizes(usual) | dict(changes), ("env", "folder", *SETTINGS))
+    usual, sizes = get_preset(preset).config, {}
+    if changes.get("terminations", usual.terminations) != usual.terminations:
+        sizes["reset_cost"] = Config.reset_cost  # the preset's has another unit
+    sizes |= problem.sizes(usual)
+    return config_from_dict(vars(usual) | sizes | dict(changes), ("env", "folder", *SETTINGS))
 
 
 def settings_of_policy(metadata: Mapping[str, Any], env: Any = None) -> RunSettings:
@@ -148,8 +158,10 @@ def settings_of_policy(metadata: Mapping[str, Any], env: Any = None) -> RunSetti
     # An older file may have hyperparameters that are gone.
     changes = {name: changes[name] for name in HYPERPARAMETERS if isinstance(changes, Mapping) and name in changes}
     chosen = problem.choose_preset(preset if str(preset) in PRESETS else None)
-    usual = get_preset(chosen).config
-    config = config_from_dict(vars(usual) | changes | problem.sizes(usual))
+    sizes = problem.sizes(get_preset(chosen).config)
+    if sizes.get("num_envs") != changes.get("num_envs"):
+        changes |= sizes
+    config = config_for(problem, chosen, changes)
     seed = whole_number("seed", metadata.get("seed", 0), 0)
     return RunSettings(problem, chosen, seed, 1, **vars(problem.intervals), config=config)
 

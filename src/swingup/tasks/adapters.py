@@ -6,6 +6,7 @@
   jumanji and others the methods ``init(key)`` and ``step(state, action)``.
 """
 
+import sys
 from typing import Any
 
 import equinox as eqx
@@ -36,12 +37,15 @@ def as_task(env: Any) -> Any:
         SwingupError: the environment has brax's methods, or an adapter refuses it.
     """
     alone, params = env if isinstance(env, tuple) and len(env) == 2 else (env, None)
-    if isinstance(alone, type | AbstractTask):
+    # Gymnasium's own may have methods and attributes of any name. It is slow to import, and there if one is.
+    gymnasium = sys.modules.get("gymnasium")
+    if isinstance(alone, type | AbstractTask) or (
+        gymnasium and isinstance(env, gymnasium.Env | gymnasium.vector.VectorEnv)
+    ):
         return env
     # In Gymnasium and envelope the spaces are attributes, in gymnax they are methods.
     if _has_methods(alone, "reset", "action_space", "observation_space"):
         return GymnaxTask(alone, params)
-    # Gymnasium's environments have no init.
     if _has_methods(env, "init", "step") and attribute(env, "action_space") is not None:
         return EnvelopeTask(env)
     # A policy's number of actions is an attribute of brax's environments alone.

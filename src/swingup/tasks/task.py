@@ -208,7 +208,9 @@ def space_actions(space: Any) -> Space:
         raise SwingupError(f"{shown} are empty: give them an entry")
     if not np.issubdtype(kind, np.floating):
         raise SwingupError(f"{shown} are whole numbers in a Box: make them discrete")
-    low, high = (np.broadcast_to(np.asarray(bound, kind), shape) for bound in (space.low, space.high))
+    # Differences of float16 may overflow.
+    wide = np.promote_types(kind, np.float32)
+    low, high = (np.broadcast_to(np.asarray(bound, wide), shape) for bound in (space.low, space.high))
     with np.errstate(over="ignore"):  # bounds whose difference overflows are not bounds either
         unbounded = ~np.isfinite(np.float32(high) - np.float32(low))
     if unbounded.any():
