@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from benchmark.controllers import HANGING
-from learner.environments import TINY, Lever, Noisy
+from learner.environments import LENT, TINY, Lever, Noisy
 from policy.references import space_task
 from refusals import refusal
 from swingup import AREAPO, get_controller, judge, load_plant, loop_controller, score, search
@@ -177,12 +177,12 @@ TOGETHER = {
     "the acrobot, not the pendubot": lambda: loop_controller(get_controller("lqr", "acrobot"), "pendubot"),
     "form numpy is not for a pendulum: use realaigym": lambda: export_folder(ADAPTIVE, "out", "numpy"),
     "has no resets to choose": lambda: gymnasium.make("swingup/ContinuingSwimmer-v0", resets="chosen"),
-    "an environment that was passed in serves one": lambda: AREAPO(Noisy(), seeds=2, **TINY),
+    "an environment that was passed in serves one": lambda: AREAPO(Noisy(), seeds=2, **LENT),
     "callback = 3": lambda: AREAPO(Noisy, **TINY).learn(64, 3),
     "1024 of 1024 steps gave a reward that is not finite": lambda: AREAPO(Lever(first=math.nan), **TINY).learn(64),
     "a run of the robot pendubot: leave env out": lambda: make_problem("pendubot").on("acrobot"),
     "evaluation_episodes = 2 has no effect with environments that were passed in": lambda: AREAPO(
-        Noisy(), **(TINY | {"num_envs": 1})
+        Noisy(), **(TINY | {"num_envs": 1, "batch_size": 16})
     ),
     "1024 of 1024 resets gave an observation that is not finite": lambda: AREAPO(Lever(shown=math.nan), **TINY),
     "no LQR can hold this pendubot upright": lambda: get_controller("lqr", "pendubot", plant=c1(I2=1e-12, r2=0.0)),

@@ -15,6 +15,8 @@ TINY = {
     "evaluate_every": 64, "checkpoint_every": 128, "evaluation_episodes": 2,
 }  # fmt: skip
 """Of trainings that only have to run."""
+LENT = TINY | {"evaluation_episodes": 0}
+"""Of those in environments that are passed in, or that are scored by training."""
 
 
 class Stairs(gymnasium.Env):

@@ -24,7 +24,7 @@ from swingup.learner.run_folder import RunFolder
 from swingup.plant.plant import ROBOTS
 from swingup.tasks.presets import smooth_task
 
-from .environments import TINY, Failing, Lever, Noisy, Stairs, chains, stairs
+from .environments import LENT, TINY, Failing, Lever, Noisy, Stairs, chains, stairs
 
 
 @pytest.fixture(scope="module")
@@ -94,8 +94,7 @@ def test_a_callback_that_raises_lets_the_folder_go(tmp_path):
 def test_policies_of_a_task_without_an_end_are_ranked_by_the_reward_rate(tmp_path, vector):
     endless = stairs(ends=None, pays=2.0)
     env = gymnasium.vector.SyncVectorEnv([endless] * 2) if vector else endless
-    episodes = {} if vector else {"evaluation_episodes": 0}
-    model = AREAPO(env, folder=tmp_path / "run", **(TINY | episodes)).learn(64)
+    model = AREAPO(env, folder=tmp_path / "run", **LENT).learn(64)
     row = read_metrics(tmp_path / "run" / "metrics.jsonl")[-1]
     assert (row["score"], row["best_score"], row["episode_return"]) == (None, None, None)
     assert (row["reward_rate"], row["resets_per_1000_steps"], row["truncation_rate"]) == (2.0, 0.0, 0.0)
@@ -256,7 +255,7 @@ def test_a_policy_file_begins_a_new_learner(tmp_path):
 
 def test_actions_have_the_bounds_of_the_space_and_no_others(tmp_path):
     """Other bounds would scale the policy's actions in silence."""
-    model = AREAPO(Stairs(), folder=tmp_path / "r", **(TINY | {"num_envs": 1, "batch_size": 16}))
+    model = AREAPO(Stairs(), folder=tmp_path / "r", **(LENT | {"num_envs": 1, "batch_size": 16}))
     drawn, _ = model.predict(np.zeros((500, 1)), deterministic=False)
     assert np.all((drawn >= [-2.0, 0.0]) & (drawn <= [2.0, 1.0]))
     # The mean starts near the middle of the bounds.
@@ -271,7 +270,7 @@ def test_actions_have_the_bounds_of_the_space_and_no_others(tmp_path):
 
 
 def test_a_list_of_functions_is_a_vector_environment_and_an_instance_is_one():
-    given = {name: value for name, value in TINY.items() if name != "num_envs"}
+    given = {name: value for name, value in LENT.items() if name != "num_envs"}
     assert AREAPO([Stairs] * 4, **given).config.num_envs == 4
     model = AREAPO(Stairs(), **(given | {"batch_size": 16}))
     assert (model.config.num_envs, model.settings.problem.name) == (1, "<learner.environments.Stairs>")
@@ -330,7 +329,7 @@ def test_the_docstrings_example():
 def test_evaluation_elsewhere(monkeypatch):
     closed = []
     monkeypatch.setattr(Stairs, "close", lambda self: closed.append(self))
-    model = AREAPO(chains(2, "cycle", AutoresetMode.NEXT_STEP), **TINY)
+    model = AREAPO(chains(2, "cycle", AutoresetMode.NEXT_STEP), **LENT)
     for wrong, named in (
         ({}, "pass evaluate another"),
         ({"env": Noisy}, "the policy sees 1 numbers, the environment shows 2"),

@@ -13,12 +13,11 @@ from swingup.learner.environments import make_environments
 from swingup.learner.host_backend import collect_on_host
 from swingup.learner.metrics import read_metrics
 
-from .environments import TINY, Lever
+from .environments import LENT, Lever
 from .test_agent import same_weights
 
 STREAM = {
-    **{name: value for name, value in TINY.items() if name != "evaluation_episodes"},
-    "num_envs": 1, "batch_size": 16, "resets": "never",
+    **LENT, "num_envs": 1, "batch_size": 16, "resets": "never",
 }  # fmt: skip
 
 
