@@ -196,9 +196,8 @@ class HostBackend(AbstractBackend):
 
     def remember(self, memory: Any) -> None:
         """Take up what :meth:`memory` gave; a checkpoint of an older version has nothing."""
-        for environments, names_goals in zip(
-            self._environments, memory if isinstance(memory, list) else (), strict=False
-        ):
+        known = memory if isinstance(memory, list) else ()
+        for environments, names_goals in zip(self._environments, known, strict=False):
             environments.names_goals = bool(names_goals)
 
     def close(self) -> None:
