@@ -142,7 +142,10 @@ def trimmed_memory(request):
             TRIM(0)  # glibc would keep gigabytes
 
 
-LONGEST = ("test_command_lines_run_in_their_order", "test_the_default_preset_learns_to_swing_up")
+LONGEST = (
+    "test_command_lines_run_in_their_order", "test_the_default_preset_learns_to_swing_up",
+    "test_from_two_logs_to_a_header",
+)  # fmt: skip
 """Tests that take minutes: they begin first, so that no process waits for the last of them in the end."""
 
 

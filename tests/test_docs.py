@@ -134,7 +134,7 @@ def brief_searches(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.usefixtures("brief_searches")
 def test_command_lines_run_in_their_order(tmp_path, monkeypatch, small_grid, brief_minute):
-    """All run in one folder, since some read what others wrote; two trainings may have the same folder."""
+    """All run in one folder, since some read what others wrote: no two trainings may name the same."""
     pytest.importorskip("mujoco", reason="mujoco is not installed")
     few = ("ar-eapo", "tvlqr")  # test_the_papers_boards has everybody
     for name, board in {"robustness": small_grid, "uptime": brief_minute}.items():

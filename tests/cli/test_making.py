@@ -9,6 +9,7 @@ from swingup import load_plant
 from swingup.cli import making
 from swingup.cli.making import make_controller_command
 from swingup.common.errors import SwingupError
+from swingup.loop.resolve import resolve
 from swingup.policy.shipped import load_pendulum_policy
 
 FACTS = "plant leaderboard --set tl1=0 --out mine.yml"
@@ -56,8 +57,9 @@ def test_from_two_logs_to_a_header(run, tmp_path):
     sources = [str(logs / f"C1-excitation-{number}.csv") for number in (1, 2)]
     told = run("make-controller", *sources, "--robot", "acrobot", "--seeds", "2", "--out", "policy.h")
     assert "2 of 2" in told
-    assert load_pendulum_policy("policy.safetensors").plant == load_plant("policy-plant.yml")
-    assert (tmp_path / "policy-plant-domain.yml").exists()
+    assert load_pendulum_policy("policy.safetensors").robot.name == "acrobot"
+    assert load_plant("policy-plant.yml").l1 == load_plant("C.1").l1  # which no motion tells
+    assert resolve("policy-plant.yml", "policy-plant-domain.yml").names
     assert "swingup_zeros[2]" in (tmp_path / "policy.h").read_text()
 
 
