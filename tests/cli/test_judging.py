@@ -107,10 +107,10 @@ def test_a_plant_is_named_with_the_ratio_of_its_torques(run, run_json, tmp_path)
 
 
 def test_baselines_of_sim2real_are_designed_for_the_domains_plant(capsys, monkeypatch):
-    def found(name, robot, estimator, design):
-        raise SwingupError(f"designed for {design}")
+    def found(name, robot, plant, estimator, given):
+        raise SwingupError(f"designed for {plant}")
 
-    monkeypatch.setattr(judging, "get_controller", found)
+    monkeypatch.setattr(judging, "controller_on", found)
     for domain, plant in (("identified", "leaderboard"), ("B.0", "B.0")):
         assert main(f"evaluate acrobot --board sim2real --controller lqr --domain {domain}".split()) == 2
         assert f"designed for {plant}\n" in capsys.readouterr().err
