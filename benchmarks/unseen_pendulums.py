@@ -49,7 +49,7 @@ def drawn(seed: int) -> tuple[Numbers, str]:
             f"b{joint}": random.uniform(0.0, 0.003) * gravity,
         }
     p |= {f"limit{driven}": random.uniform(1.0, 2.0) * gravity, "Ir": random.uniform(0.0, 0.05) * p["I2"]}
-    p |= {"lag": random.uniform(0.001, 0.004), "dead": random.choice([0.001, 0.002, 0.004])}
+    p |= {"lag": random.uniform(0.001, 0.004), "dead": float(random.choice([0.001, 0.002, 0.004]))}
     p |= {"quantum": 2 * math.pi / COUNTS, "offset1": ZEROS[0], "offset2": ZEROS[1]}
     return p, robot
 

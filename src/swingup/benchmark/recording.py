@@ -105,7 +105,7 @@ def driven_robot(name: str | Path, u: ArrayLike) -> Robot:
     The name is the recording's, in messages.
     """
     size = np.abs(u).max(axis=0)
-    joint = int(size.argmax())
+    joint = int(np.argmax(size))
     if size[joint] == 0.0 or size[joint] < DOMINANT_RATIO * size[1 - joint]:
         seen = "has no torque" if size[joint] == 0.0 else "drives both joints"
         raise SwingupError(f"{name} {seen}: name the robot with --robot {' or '.join(ROBOTS)}")

@@ -192,7 +192,7 @@ def follow_tip(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: Swi
     elif not up[-1]:
         edges = np.flatnonzero(np.diff(np.concatenate([[False], up])))
         stretches = np.diff(times[edges])[::2]
-        longest, last = int(stretches.argmax()), int(np.flatnonzero(up)[-1])
+        longest, last = int(np.argmax(stretches)), int(np.flatnonzero(up)[-1])
         begun, ended = times[edges[2 * longest]], times[edges[2 * longest + 1]]
         cause, failure = "fell", f"up at t = {begun:.3f} s, fell at t = {ended:.3f} s"
         # What was never caught did not fall.
@@ -219,8 +219,8 @@ def _limit_passed(time: np.ndarray, x: np.ndarray, up: np.ndarray, limits: Limit
     beyond = ~(np.abs(x) <= bounds)
     if not beyond.any():
         return None
-    row = int(beyond.any(axis=1).argmax())
-    place = int(beyond[row].argmax())
+    row = int(np.argmax(beyond.any(axis=1)))
+    place = int(np.argmax(beyond[row]))
     phase = "at the top" if up[:row].any() else "swinging up"
     limit = f"{bounds[place]:.4g} {'rad' if place < 2 else 'rad/s'}"
     joint = ("shoulder", "elbow")[place % 2]

@@ -325,7 +325,7 @@ def _check_speed(recording: Recording) -> Finding | None:
     fastest = np.quantile(np.abs(np.diff(recording.q, axis=0) / np.diff(recording.time)[:, None]), 0.99, axis=0)
     if fastest.max() <= MAXIMUM_SPEED:
         return None
-    joint = int(fastest.argmax())
+    joint = int(np.argmax(fastest))
     return Finding(
         f"joint {joint + 1} moves at {fastest[joint]:.0f} rad/s: give the unit of the angles, as in --columns "
         f"{recording.sources[recording.pairs[0][joint]].word(f'pos_meas{joint + 1}')}:deg, :mrad or :counts/4096"

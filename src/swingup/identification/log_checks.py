@@ -208,10 +208,9 @@ def check_motion(name: str, q: Float[np.ndarray, "rows 2"]) -> None:
 def check_stuck(name: str, time: Float[np.ndarray, "rows"], q: Float[np.ndarray, "rows 2"]) -> None:
     """Refuse an encoder that keeps its value while the other joint goes far: its coupling would move this one."""
     for joint in (0, 1):
-        ends = np.concatenate([[0], np.flatnonzero(np.diff(q[:, joint])) + 1, [len(q)]])
-        for piece in np.flatnonzero(np.diff(ends) > 2):
-            start, end = ends[piece], ends[piece + 1]
-            if (travel := float(np.ptp(q[start:end, 1 - joint]))) > DEAD_TRAVEL:
+        ends = [0, *(np.flatnonzero(np.diff(q[:, joint])) + 1).tolist(), len(q)]
+        for start, end in itertools.pairwise(ends):
+            if end - start > 2 and (travel := float(np.ptp(q[start:end, 1 - joint]))) > DEAD_TRAVEL:
                 raise SwingupError(
                     f"{name}: angle {joint + 1} stays at {q[start, joint]:.4g} rad from {time[start]:.3g} to "
                     f"{time[end - 1]:.3g} s, while joint {2 - joint} moves by {travel:.3g} rad: is its encoder "
@@ -240,7 +239,7 @@ def find_warnings(
     periods = np.diff(time)
     period, longest = float(np.median(periods)), float(periods.max())
     if longest > longest_step(period):
-        at = float(time[int(periods.argmax())])
+        at = float(time[int(np.argmax(periods))])
         found.append(f"time jumps by {longest:.3g} s at {at:.3g} s: no prediction crosses the gap")
     if period > SLOW_PERIOD:
         found.append(f"rows are {period:.3g} s apart: below 33 Hz parameters come out wrong, by a quarter at 20 Hz")

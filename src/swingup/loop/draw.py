@@ -1,6 +1,7 @@
 """Draws from a domain: one plant and the disturbance of its loop, each number uniform on its range."""
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -50,7 +51,7 @@ def draw_values(domain: Domain, key: Key, margin: float = 0.0) -> PlantInLoop:
     low, high = (jnp.array([end.value(name) for name in ORDER]) for end in (domain.low, domain.high))
     margins = margin * (high - low)
     drawn = jax.random.uniform(key, low.shape, low.dtype, low - margins, jnp.maximum(high, low) + margins)
-    values = dict(zip(ORDER, drawn, strict=True))
+    values: dict[str, Any] = dict(zip(ORDER, drawn, strict=True))
     plant = domain.low.plant.changed(**{name: values[name] for name in NAMES})
     return PlantInLoop(plant, dataclasses.replace(domain.low.loop, **{name: values[name] for name in VALUES}))
 
