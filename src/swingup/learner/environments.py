@@ -108,10 +108,8 @@ class Environments:
         """Whether no row is spent on a reset, or late."""
         self.stream = stream
         self._source = (members or [env])[0].unwrapped
-        if not stream and id(self._source) in RUNNING:
-            raise SwingupError(
-                f"{name} runs as a stream that is never reset: take another one, or the stream's reward rate"
-            )
+        if not stream:
+            refuse_running(self._source, name)
         self._env, self._mode, self._name, self._lent = env, mode, name, lent
         self.episodes: list[tuple[float, int]] = []
         """Return and length of each episode that ended since the last reset; who reads them may clear them."""
@@ -352,6 +350,14 @@ def make_by_id(name: str, **options: Any) -> Any:
         with working_folder_first():
             importlib.import_module(name.partition(":")[0])
     return gymnasium.make(name, **options)
+
+
+def refuse_running(env: Any, name: str) -> None:
+    """Refuse to reset an environment that runs as a stream."""
+    if id(env) in RUNNING:
+        raise SwingupError(
+            f"{name} runs as a stream that is never reset: take another one, or the stream's reward rate"
+        )
 
 
 def _refuse_end(name: str, terminated: bool) -> NoReturn:

@@ -17,7 +17,7 @@ from ..policy.pendulum import PendulumPolicy
 from ..policy.policy import Policy
 from ..tasks.task import space_actions
 from .backend import EPISODE_STEPS, EPISODES, check_actions
-from .environments import OWN_RESETS, RUNNING, SUCCESS, make_by_id
+from .environments import OWN_RESETS, SUCCESS, make_by_id, refuse_running
 
 
 @dataclass(frozen=True)
@@ -56,8 +56,7 @@ class Episodes:
 def _made(env: Any, **options: Any) -> Any:
     """The environment of an id or of a function, closed in the end, or one that was passed in, which is not."""
     if isinstance(env, gymnasium.Env):
-        if id(env.unwrapped) in RUNNING:
-            raise SwingupError(f"{one_line(env, 100)} runs as a stream that is never reset: play in another")
+        refuse_running(env.unwrapped, one_line(env, 100))
         yield env
         return
     with errors_named_after(f"making {one_line(env, 100)}", "use a Gymnasium id, an environment or what makes one"):
