@@ -20,7 +20,7 @@ from swingup.benchmark.swing_up_board import Normalisers, SwingUpBoard, compute_
 from swingup.controllers.stack.estimator import EstimatingController
 from swingup.controllers.stack.policy import PolicyController
 from swingup.controllers.stack.regulator import RegulatingController
-from swingup.plant.plant import LEADERBOARD
+from swingup.plant.plant import LEADERBOARD, get_robot
 from swingup.policy.shipped import ADAPTIVE, AR_EAPO
 
 from .controllers import HANGING
@@ -175,6 +175,12 @@ def test_names_on_the_board_are_taken(brief_minute):
     assert "'global' is on the board already" in taken
     # The report animates the paper's alone.
     assert set(entrants_for("acrobot", {})) == set(ENTRANTS)
+
+
+def test_a_board_that_was_changed_has_no_published_rows(brief_minute):
+    (table,) = leaderboard("acrobot", boards=(brief_minute,), entrants=())
+    assert table.rows == ()
+    assert published_rows(get_robot("acrobot"), brief_minute.name)
 
 
 def test_published_robustness_is_the_mean_of_its_criteria(robot):

@@ -127,6 +127,13 @@ def test_rates_and_periods(kept, warns):
     assert {*names(picked(moved(REST), kept))} == warns
 
 
+def test_long_runs_say_so():
+    still = moved(REST)
+    more = np.concatenate([still.time, still.time + still.time[-1] + 0.002])
+    longer = Trajectory(more, np.tile(still.x, (2, 1)), np.tile(still.u, (2, 1)))
+    assert names(longer) == ["long_span"]
+
+
 @pytest.mark.slow
 def test_short_runs_score_nothing_and_say_so():
     up = moved((np.pi, 0.0, 0.0))

@@ -4,21 +4,23 @@ import dataclasses
 import json
 import math
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from swingup import BOARDS, get_controller, judge, load_plant, score
 from swingup.benchmark.board import Case, Setting
 from swingup.benchmark.boards import IROS_REAL, SIM2REAL
-from swingup.benchmark.recording import recorded
+from swingup.benchmark.recording import recorded, turned
 from swingup.benchmark.rollout import Record, Scenario, Trajectory
 from swingup.benchmark.swing_up_board import realai_score
 from swingup.benchmark.values import interquartile_interval, interquartile_mean, share_interval
+from swingup.controllers.interface import from_zeros
 from swingup.loop.resolve import resolve
 from swingup.loop.supervisors import Limits
 from swingup.plant.plant import get_robot
 
-from .controllers import FRICTION, HANGING, SWINGING, swinging
+from .controllers import FRICTION, HANGING, SWINGING, Memoryless, swinging
 from .independent import World, closed_loop
 
 IROS = IROS_REAL
@@ -59,8 +61,12 @@ def test_a_trial_agrees_with_a_numpy_loop(robot):
     # What is recorded and scored is what was asked for, within the limits and without the pushes.
     u = np.clip([swinging(*row) for row in zip(x, time, strict=True)], -limits, limits)
     np.testing.assert_allclose(found.trajectory.u, u, rtol=1e-7, atol=1e-7)
-    expected = score(Trajectory(time, x, u), robot, BRIEF)
-    assert found.score == pytest.approx(expected.score, rel=1e-6)
+    recording = Trajectory(time, x, u)
+    assert found.score == pytest.approx(score(recording, robot, rules).score, rel=1e-6)
+    # A robot with its own limits stops at the first row beyond them, and so does the score of a recording.
+    limited = score(recording, robot, BRIEF)
+    beyond = (np.abs(x) > [4 * math.pi, 4 * math.pi, 20, 20]).any(axis=1)
+    assert (limited.score, limited.runs[0].stop) == (0.0, time[np.argmax(beyond)])
     assert 0.2 < found.score == found.values["best"] < 1
     assert (found.successes, found.runs[0].stop) == (1, None)
     # Calm, the trial goes otherwise: the pushes act.
@@ -85,7 +91,7 @@ def test_a_record_ends_with_the_time_of_the_rules():
     time = np.array([0.0, 0.3, 0.6, 0.8, 1.0, 1.3])
     over = np.array([False, False, False, False, False, True])
     x, u = np.arange(24.0).reshape(6, 4), np.arange(12.0).reshape(6, 2)
-    rows = Trajectory(time, np.zeros((6, 4)), np.zeros((6, 2)), Record(x, u, over))
+    rows = Trajectory(time, np.zeros((6, 4)), np.zeros((6, 2)), Record(x, u, over, over))
     record, stop = recorded(rows, 1.0)
     assert record.time.tolist() == [0.0, 0.3, 0.6, 0.8]
     np.testing.assert_array_equal(record.x, x[:4])
@@ -145,7 +151,7 @@ FAILURES = {
 @pytest.mark.parametrize("kind", FAILURES)
 def test_failures(kind):
     run = verdict(**FAILURES[kind])
-    assert (run.success, run.score) == (False, 0.0)
+    assert (run.success, run.score, run.criteria.score, run.criteria.swingup_time) == (False, 0.0, 0.0, None)
     assert kind != "ended early" or run.tip.cause == "stopped"
 
 
@@ -160,6 +166,46 @@ def test_a_pendulum_without_motors_fails_and_seeds_differ(either_robot):
     assert np.abs(second.trajectory.x).max() > 0.01
     speeds = [run.speed for run in both.runs]
     assert speeds[0] != speeds[1] == pytest.approx(second.runs[0].speed, rel=1e-9)
+
+
+def test_limits_and_records_do_not_see_the_encoders_zeros():
+    around, plant = FRICTION.content, FRICTION.plant.changed(zero1=3.1, zero2=-0.7)
+    turned_about = resolve(domain=around | {"zero1": 3.1, "zero2": -0.7, "design": "leaderboard"})
+    rules = dataclasses.replace(BRIEF, limits=Limits(angle=3.0, speed=1e3))
+    plain, found = (
+        judge(each, "acrobot", rules, 1, seed=4, domain=on)
+        for each, on in ((SWINGING, FRICTION), (from_zeros(SWINGING, plant), turned_about))
+    )
+    assert plain.runs[0].stop == found.runs[0].stop is not None
+    np.testing.assert_allclose(found.trajectory.x, plain.trajectory.x, atol=1e-7)
+    # So do recordings of such a robot, which show its encoders' angles.
+    shown = turned(plain.trajectory, plant.zeros)
+    assert (
+        score(shown, "acrobot", "uptime", plant=plant).score == score(plain.trajectory, "acrobot", "uptime").score
+    )
+
+
+def test_a_fast_loop_runs_as_long_as_a_slow_one():
+    found = judge(HANGING, "acrobot", PUSHED, 1, domain=resolve(domain=ROBOT | {"period": 0.001}))
+    assert found.trajectory.time[-1] == pytest.approx(PUSHED.duration, abs=0.0011)
+    assert "never up" in found.tip.failure
+
+
+def test_spoilt_samples_reach_controllers_of_both_kinds():
+    def held(t, x):
+        return jnp.array([0.0, 1.0]) * x[2]  # NaN for a spoilt sample
+
+    domain = resolve(domain=ROBOT | {"spoilt": 0.05, "push": 3.0, "torque_limit": 6.0})
+    asked, rules = [], dataclasses.replace(PUSHED, duration=0.4)
+
+    def plain(x, t):
+        asked.append(np.isfinite(x).all())
+        return np.array([0.0, x[2]])
+
+    first, second = (judge(each, "acrobot", rules, 1, domain=domain) for each in (Memoryless(held), plain))
+    np.testing.assert_allclose(first.trajectory.x, second.trajectory.x, atol=1e-9)
+    assert len(first.trajectory.time) == 200
+    assert 0 < asked.count(False) < 40
 
 
 @pytest.mark.slow

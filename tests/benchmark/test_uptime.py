@@ -3,20 +3,23 @@
 import dataclasses
 import math
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from swingup import judge, score
+from swingup.benchmark.board import Setting
 from swingup.benchmark.boards import ICRA_REAL, UPTIME
 from swingup.benchmark.plausibility import examine
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.uptime_board import draw_resets, draw_throws
+from swingup.loop.resolve import resolve
 from swingup.loop.starts import TURNS, thrown_states
 from swingup.loop.supervisors import Limits
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, get_robot
 
-from .controllers import FRICTION, Counting, PlainCounting
+from .controllers import FRICTION, HANGING, Counting, Memoryless, PlainCounting
 from .independent import ResetText, Throw, World, closed_loop, gravity, rk4
 
 BRIEF = dataclasses.replace(UPTIME, name="brief", duration=2.0, throws=3, first_throw=0.4, jitter=0.1)
@@ -43,6 +46,21 @@ def test_a_run_agrees_with_a_numpy_loop(robot):
     # Both motors are there, for the controller too, and the throws saturate them.
     assert np.all(np.abs(result.trajectory.u).max(axis=0) == 6.0)
     assert not np.any(result.trajectory.u[1:, 0] == 0)
+
+
+@pytest.mark.parametrize(("torque", "warned"), [(0.4, []), (0.6, ["passive_torque"])])
+def test_a_controller_that_drives_the_passive_joint_is_told_apart(robot, torque, warned):
+    found = judge(Memoryless(lambda t, x: torque * jnp.cos(t) * jnp.ones(2)), robot, BRIEF, 1)
+    assert np.abs(found.trajectory.u).max() == 6.0  # of the throws
+    assert [each.partition(":")[0] for each in found.warnings] == warned
+
+
+def test_another_pendulum_is_thrown_in_its_own_units(similar):
+    small = similar(LEADERBOARD)
+    rules = dataclasses.replace(ICRA_REAL, duration=1.0, first_throw=0.2, throws=2, jitter=0.1)
+    found = judge(HANGING, "acrobot", rules, 1, domain=resolve(domain={"plant": small}))
+    assert np.abs(found.trajectory.u).max() == pytest.approx(0.025 * 6.0, rel=0.3)
+    assert ICRA_REAL.on(Setting(get_robot("acrobot"), load_plant("C.1"))) == ICRA_REAL
 
 
 TIMES = {"duration": 3.0, "throws": 2, "first_throw": 0.8, "jitter": 0.1, "throw_duration": 0.201}
@@ -141,16 +159,18 @@ def rows(times, states):
 
 
 def test_a_row_that_is_up_counts_with_the_time_before_it(robot):
-    # Uneven times; up in rows 0, 2, 3 and 5. Row 0 has no time before it:
-    # (0.5 - 0.2) + (1.5 - 0.5) + (9.0 - 4.0) = 6.3 s of 60 s.
-    found = score(rows([0.0, 0.2, 0.5, 1.5, 4.0, 9.0], [UP, DOWN, UP, UP, DOWN, UP]), robot, UPTIME, force=True)
-    assert found.score == pytest.approx(6.3 / 60)
+    # Uneven times; up in rows 0, 2, 3 and 5. Row 0 has no time before it, and a gap counts as 0.1 s:
+    # (0.05 - 0.02) + (0.12 - 0.05) + 0.1 = 0.2 s of 60 s.
+    found = score(rows([0.0, 0.02, 0.05, 0.12, 0.2, 9.0], [UP, DOWN, UP, UP, DOWN, UP]), robot, UPTIME, force=True)
+    assert found.score == pytest.approx(0.2 / 60)
     # Times need not start at 0: the first row's own time is no time up. 30 s of 60 s is half.
-    late = rows([0.1, 0.2, 30.2], [UP, DOWN, UP])
+    time = 0.1 + 0.05 * np.arange(602)
+    late = rows(time, np.where(np.arange(602)[:, None] > 1, UP, DOWN))
     assert score(late, robot, UPTIME, force=True).score == pytest.approx(0.5)
     # What a recording has beyond the board's minute does not count.
-    longer = rows([0.0, 30.0, 60.0, 90.0], [UP, UP, UP, DOWN])
-    assert score(longer, robot, UPTIME, force=True).score == 1.0
+    time = 0.05 * np.arange(1800)
+    longer = rows(time, np.where(time[:, None] <= 60, UP, DOWN))
+    assert score(longer, robot, UPTIME, force=True).score == pytest.approx(1.0)
 
 
 def test_a_shorter_board_has_fewer_throws():

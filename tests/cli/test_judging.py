@@ -66,6 +66,18 @@ def test_the_command_of_a_result_repeats_it(run_json):
     assert {**again, "call_time": 0} == {**result, "call_time": 0}
 
 
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ("--seeds 5", "--seeds 5: nothing on performance is random: leave it out"),
+        ("--board robustness --criteria delay --grid torque_noise=0:1:5", "torque_noise, which is not measured"),
+    ],
+)
+def test_options_that_would_change_nothing_are_refused(words, named, capsys):
+    assert main(f"{PLAIN} {words}".split()) == 2
+    assert named in capsys.readouterr().err
+
+
 def test_check_names_faults_and_slowness(run):
     assert "not finite at t = 0 s" in run(f"evaluate acrobot --check --controller {NAN}", status=1)
     assert "mine:plain: nothing wrong was found" in run(PLAIN, "--check")

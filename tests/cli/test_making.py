@@ -10,6 +10,7 @@ from swingup.cli import making
 from swingup.cli.making import make_controller_command
 from swingup.common.errors import SwingupError
 from swingup.loop.resolve import resolve
+from swingup.policy.feedback import load_robot_policy
 from swingup.policy.shipped import load_pendulum_policy
 
 FACTS = "plant leaderboard --set tl1=0 --out mine.yml"
@@ -75,10 +76,12 @@ def test_tvlqr_where_the_search_finds_nothing(run, tmp_path, monkeypatch):
         file.write("delay: 0.002\n")
     told = run("make-controller mine.yml --seeds 2 --out policy.h")
     assert "2 of 2" in told
-    assert "swingup evaluate acrobot --controller=tvlqr --estimator --plant=mine.yml" in told
+    again = "swingup evaluate acrobot --board=sim2real --controller=policy.safetensors --plant=mine.yml"
+    assert again in told
     header = (tmp_path / "policy.h").read_text()
     assert "The baseline tvlqr behind its state estimator and its safety guard" in header
-    assert not (tmp_path / "policy.safetensors").exists()
+    assert load_robot_policy("policy.safetensors").name == "tvlqr"
+    assert "of 2" in run(again.removeprefix("swingup "), "--seeds", "2")
 
 
 @pytest.mark.slow

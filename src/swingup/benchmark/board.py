@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 from ..common import __version__
 from ..controllers.check import CallTime
 from ..loop.domain import Domain
+from ..loop.supervisors import Limits
 from ..plant.plant import Plant, Robot
 from .disturbances import DisturbanceSettings
 from .rollout import Scenario, Trajectory
@@ -97,7 +98,7 @@ class Run:
     fault: str | None = None
     """What was wrong with the controller's answers, if anything."""
     criteria: Criteria | None = None
-    """The costs of a swing-up; their own success and score do not know of faults, limits and stops."""
+    """Success and costs of a swing-up."""
     tip: TipHistory | None = None
     """How high the tip came, and why a swing-up failed."""
     speed: float | None = None
@@ -169,6 +170,10 @@ class AbstractBoard(abc.ABC):
     @abc.abstractmethod
     def on(self, setting: Setting) -> "AbstractBoard":
         """The board of one robot, in the units of the pendulum that is judged."""
+
+    def stop_limits(self) -> Limits | None:
+        """The limits beyond which the robot stops a run; None for a board without such a stop."""
+        return None
 
     @abc.abstractmethod
     def cases(self, setting: Setting, seeds: Sequence[int]) -> list[Case]:

@@ -1,5 +1,6 @@
 """The judge: simulate a controller's runs on a board, or take a recording; score each, and sum the scores up."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,11 +18,12 @@ from ..controllers.registry import has_estimator
 from ..loop.domain import Domain
 from ..loop.resolve import resolve
 from ..plant.plant import LEADERBOARD, PlantLike, Robot, get_robot
+from ..plant.units import TORQUE, scales_of
 from .board import AbstractBoard, Case, Result, Run, Setting
 from .boards import BOARDS, get_board
 from .disturbances import DisturbanceSettings
-from .plausibility import TORQUE_ERROR, examine, possible_runs
-from .recording import load_trajectory, recorded, scorable_rows
+from .plausibility import MAX_COMPENSATION, TORQUE_ERROR, examine, possible_runs
+from .recording import load_trajectory, recorded, scorable_rows, stopped, turned
 from .rollout import Scenario, SimulatedBatch, Trajectory
 from .runner import Progress, prepare, run_many, stack
 from .swing_up_board import SwingUpBoard
@@ -72,7 +74,7 @@ def judge(
     estimator, controller = has_estimator(controller), prepare(controller, setting.robot, name, setting.nominal)
     with naming(f"controller {name!r}"):
         took = call_time(controller, board.dt) if isinstance(controller, AbstractController) else None
-    runs: list[Run] = []
+    steps, runs, passive = steps_of(board, setting), list[Run](), 0.0
     first = None
     for start in range(0, len(every), board.side_by_side):
         group = every[start : start + board.side_by_side]
@@ -80,7 +82,7 @@ def judge(
             cases = board.cases(setting, group)
         before, total = len(runs), max(len(every), len(cases))
         if took is not None and not runs:
-            seconds = took.median * board.steps * total / cores()
+            seconds = took.median * steps * total / cores()
             announce(seconds, took.median, total, bound="up to ")
 
         def report_progress(done: int, _: int, before: int = before, total: int = total) -> None:
@@ -89,8 +91,8 @@ def judge(
 
         with naming(f"controller {name!r}"):
             scenarios, depth = stack([case.scenario for case in cases]), _depth(setting, cases)
-            batch = run_many(controller, scenarios, board.dt, board.steps, depth, board.keeps_rows, report_progress)
-        took = took or batch.call_time
+            batch = run_many(controller, scenarios, board.dt, steps, depth, board.keeps_rows, report_progress)
+        took, passive = took or batch.call_time, max(passive, _passive_torque(batch, setting.robot))
         for index, (case, fault) in enumerate(zip(cases, batch.faults, strict=True)):
             rows, stop = _counted(batch, index, board)
             runs.append(board.score(case, rows, fault, stop))
@@ -98,7 +100,12 @@ def judge(
     if all(run.fault is not None for run in runs):
         raise SwingupError(f"controller {name!r}: {runs[0].fault}")
     slow = slow_call(took, board.dt)
-    warnings = () if slow is None else (slow,)
+    warnings: tuple[str, ...] = () if slow is None else (slow,)
+    if passive and passive > (allowed := scales_of(setting.nominal).scaled(MAX_COMPENSATION, TORQUE)) * (1 + 1e-9):
+        warnings += (
+            f"passive_torque: it gives the passive joint {2 - setting.robot.joint} up to {passive:.3g} N m, above "
+            f"the {allowed:.3g} N m of the rules' friction compensation: this is no entry",
+        )
     result = summed_up(name, board, setting, runs, every)
     return replace(result, trajectory=first, estimator=estimator, call_time=took, warnings=warnings)
 
@@ -115,7 +122,8 @@ def score(
     """Score a recording from any source by the rules of a board, whoever pushed or threw the pendulum and when.
 
     Times count from 0, or from the first row where that is earlier. A span below 99 % of the duration is no
-    success; in an uptime the missing time counts as down. What cannot be the physics of the plant gets no score.
+    success; in an uptime the missing time counts as down. Where the robot stops beyond limits, so does the scoring.
+    Angles are the encoders': the plant's zeros are subtracted. What cannot be the plant's physics gets no score.
 
     Args:
         trajectory: NumPy arrays in float64, or a recording's file.
@@ -140,15 +148,16 @@ def score(
         found = resolve(domain=board.domain).design
     else:
         found = resolve(LEADERBOARD if plant is None else plant).facts
-    rows, setting = scorable_rows(trajectory), Setting(robot, found)
+    rows, setting = turned(scorable_rows(trajectory), -np.array(found.zeros)), Setting(robot, found)
     case, judge_of = Case(Scenario(setting.nominal)), board.on(setting)
     # The criteria of one run, also where the board itself shows those of many.
     alone = replace(board, domain=None, note=None)
+    stops = judge_of.stop_limits()
     result, *possible = (
-        summed_up(name, alone, setting, (judge_of.score(case, each),), ())
+        summed_up(name, alone, setting, (judge_of.score(case, *stopped(each, stops)),), ())
         for each in (rows, *possible_runs(rows, found))
     )
-    findings = examine(trajectory, robot, board, found)
+    findings = examine(rows, robot, board, found)
     # Nobody invents a score of 0.
     refusals = [each for each in findings if each.refuses and result.values["score"]]
     if refusals and not force:
@@ -157,9 +166,7 @@ def score(
     if band := [value for each in possible if (value := each.values["score"]) is not None]:
         cause = f"torques that are off by {TORQUE_ERROR:.0%}, and noise of the velocities"
         warnings.append(f"band: {min(band):.3f} to {max(band):.3f} is the score of its rows for {cause}")
-    return replace(
-        result, trajectory=trajectory, rate=float(1 / np.median(np.diff(rows.time))), warnings=tuple(warnings)
-    )
+    return replace(result, trajectory=rows, rate=float(1 / np.median(np.diff(rows.time))), warnings=tuple(warnings))
 
 
 def summed_up(
@@ -205,6 +212,21 @@ def make_setting(
     ranges = resolve(plant, board.domain if domain is None else domain)
     ranges.high.plant.needs_motor(robot)
     return Setting(robot, ranges.design, ranges)
+
+
+def steps_of(board: AbstractBoard, setting: Setting) -> int:
+    """Steps of a run in the setting's loop: as many as the board has, or more where the loop may be faster."""
+    if setting.domain is None:
+        return board.steps
+    return math.ceil(board.duration / min(board.dt, setting.domain.low.value("period")) * (1 - 1e-9))
+
+
+def _passive_torque(batch: SimulatedBatch, robot: Robot) -> float:
+    """The largest torque that a controller asks of the passive joint where a supervisor watches (N m)."""
+    if batch.trajectory is None or (kept := batch.trajectory.record) is None:
+        return 0.0
+    own = np.abs(np.asarray(kept.u)[~(kept.over | kept.takes), 1 - robot.joint])
+    return float(own.max(initial=0.0))
 
 
 def _depth(setting: Setting, cases: Sequence[Case]) -> int:

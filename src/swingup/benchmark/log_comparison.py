@@ -23,7 +23,7 @@ from .board import Result
 from .boards import HARDWARE
 from .judge import judge, score
 from .plausibility import HANGING_TOLERANCE
-from .recording import driven_robot
+from .recording import driven_robot, turned
 from .rollout import Trajectory
 
 MAX_PLANTS = 4  # Maximum number of plants: readers can tell four colours apart
@@ -123,6 +123,6 @@ def close_loop(
     # Forced: a log that the plant does not explain is what this compares.
     found = [
         score(rows, robot, board, name=each, plant=plant, force=True)
-        for rows, each in ((measured, recording.name), (simulated, name))
+        for rows, each in ((measured, recording.name), (turned(simulated, plant.zeros), name))
     ]
     return ClosedLoop(domain, *found)

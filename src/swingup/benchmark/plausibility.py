@@ -22,23 +22,23 @@ from ..identification.log_checks import SLOPE_WINDOW, slopes_of
 from ..plant.equations import mass_entries
 from ..plant.files import load_plant
 from ..plant.plant import LEADERBOARD, Plant, Robot, lump
-from ..plant.units import TIME, VELOCITY, scales_of
+from ..plant.units import TIME, TORQUE, VELOCITY, scales_of
 from .board import AbstractBoard
 from .rollout import Trajectory
 from .swing_up_board import MIN_SPAN, SwingUpBoard
-from .uptime_board import UptimeBoard
+from .uptime_board import MAX_GAP, UptimeBoard
 
 TORQUE_ERROR = 0.1  # Share by which a robot's torques may be off: constants of motors are known no better
+MAX_COMPENSATION = 0.5  # N m for the passive joint's friction, by the rules; recordings have 0.13
 HANGING_TOLERANCE = (0.2, 1.0)
 """A start within this of hanging at rest hangs (rad, and rad/s on C.1); recordings have 0.001 rad and 0.1 rad/s."""
 
 # Limits, and after the semicolon what the recordings have.
 _MAX_GAP_RATIO = 10.0  # medians: a longer period is not jitter; 5
-_MAX_GAP = 0.1  # s: a longer period hides a swing-up; 0.04
 _UNEVEN_PERIODS = (0.5, 0.1)  # share of the median by which a period is uneven, and share of uneven periods; 0.01
 _MIN_RATE = 30.0  # Hz, of a robot
 _RATE_FACTOR, _RATE_SHARE = 2.0, 0.05  # factor and share by which the rate may differ from the board's
-_MAX_COMPENSATION, _PASSIVE_SHARE = 0.5, 0.25  # N m for the passive joint's friction; share of the limit; 0.13
+_PASSIVE_SHARE = 0.25  # of the torque limit
 _SLIP, _SLIP_RATE, _MAX_STEP = 0.1, 8.0, 0.05  # rad in a window, and rad/s times a period (s) up to the third; half
 _STRETCH = (0.005, 0.02)  # velocities too large or too small: a warning, a refusal; 0.0004, a CloudPendulum 0.003
 _CLEAN_ERROR, _CLEAN_SPEEDS = (0.01, 200.0), (0.1, 10.0)  # rad/s, and rad/s³ times period²; at speeds (rad/s)
@@ -116,11 +116,14 @@ def _periods(time: np.ndarray, period: np.ndarray, board: AbstractBoard, clean: 
     if span < MIN_SPAN * board.duration:
         text = f"it spans {span:.4g} s of {board.duration:g} s: below {MIN_SPAN:.0%} "
         yield Finding("short_span", text + ("it scores 0" if scored else "the rest counts as down"))
+    elif scored and span > (2.0 - MIN_SPAN) * board.duration:
+        text = f"it spans {span:.4g} s of {board.duration:g} s, and all of it is scored: keep the board's time"
+        yield Finding("long_span", text)
     uneven = float(np.mean(np.abs(period - usual) > _UNEVEN_PERIODS[0] * usual))
     if longest > _MAX_GAP_RATIO * usual or uneven > _UNEVEN_PERIODS[1]:
         text = f"its periods reach {longest:.4g} s, their median is {usual:.4g} s, {uneven:.0%} are far from it: "
-        text += f"record all rows, at most {_MAX_GAP:g} s apart"
-        yield Finding("irregular_periods", text, refuses=scored and longest > _MAX_GAP)
+        text += f"record all rows, at most {MAX_GAP:g} s apart"
+        yield Finding("irregular_periods", text, refuses=scored and longest > MAX_GAP)
     rate = 1 / board.dt
     slowest, fastest = rate / _RATE_FACTOR if clean else _MIN_RATE, rate * _RATE_FACTOR
     # The margins are for rounding.
@@ -136,19 +139,20 @@ def _limits(
     start: np.ndarray, u: np.ndarray, robot: Robot, board: AbstractBoard, plants: tuple[Plant, Plant]
 ) -> Iterator[Finding]:
     """How a run begins, and what its motors can do."""
+    place = "hanging"
     if isinstance(board, SwingUpBoard) and board.lean is not None:
-        start = start - UPRIGHT
+        start, place = start - UPRIGHT, "upright"
     anywhere = isinstance(board, UptimeBoard) and board.cell is not None
     angle, speed = float(np.abs(wrap_difference(start[:2])).max()), float(np.abs(start[2:]).max())
     # Negated, here and below: a NaN from overflow must count as a finding.
     if not (angle <= HANGING_TOLERANCE[0] and speed <= scales_of(plants[1]).scaled(HANGING_TOLERANCE[1], VELOCITY)):
-        text = f"it starts {angle:.3g} rad off hanging, at {speed:.3g} rad/s: record from hanging at rest"
+        text = f"it starts {angle:.3g} rad off {place}, at {speed:.3g} rad/s: record from {place} at rest"
         yield Finding("not_hanging", text, refuses=not anywhere)
     driven, passive = np.roll(np.abs(u).max(axis=0) / (1 + 1e-9), -robot.joint)  # the margin is for rounding
     limit, scored = float(max(plants[0].tl1, plants[0].tl2)), isinstance(board, SwingUpBoard)
     if driven > limit:
         yield Finding("torque_limit", f"its torque reaches {driven:.4g} N m, above the limit of {limit:g} N m")
-    allowed = _MAX_COMPENSATION if scored else limit
+    allowed = scales_of(plants[1]).scaled(MAX_COMPENSATION, TORQUE) if scored else limit
     if passive > allowed:
         refuses = scored and bool(passive > _PASSIVE_SHARE * limit)
         most = f"{allowed:g} N m of the rules' friction compensation" if scored else f"{allowed:g} N m of its motor"

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from ..common.errors import SwingupError
 from ..common.table import read_table, write_columns
+from ..loop.supervisors import Limits
 from ..plant.plant import ROBOTS, Robot
 from .rollout import Trajectory
 
@@ -82,6 +83,12 @@ def scorable_rows(trajectory: Trajectory) -> Trajectory:
     return rows
 
 
+def turned(trajectory: Trajectory, angles: ArrayLike) -> Trajectory:
+    """A trajectory with angles (rad) added to its joints': with encoders' zeros as they show it."""
+    x = np.array(trajectory.x, np.float64)
+    return Trajectory(trajectory.time, x + np.append(angles, [0.0, 0.0]), trajectory.u)
+
+
 def recorded(rows: Trajectory, duration: float) -> tuple[Trajectory, float | None]:
     """What counts of one simulated run of a duration (s), and when the robot stopped it (s), if it did.
 
@@ -89,14 +96,24 @@ def recorded(rows: Trajectory, duration: float) -> tuple[Trajectory, float | Non
     measured states, and the torques that were asked for. Late turns make a simulation longer than the run.
     """
     time, x, u = (np.asarray(part) for part in (rows.time, rows.x, rows.u))
-    kept, stop = time < duration, None
+    kept, stop = (time < duration) & np.logical_and.accumulate(np.isfinite(x).all(axis=1)), None
     if rows.record is not None:
         x, u, over = (np.asarray(part) for part in (rows.record.x, rows.record.u, rows.record.over))
         stop = float(time[kept & over][0]) if (kept & over).any() else None
         kept &= ~over
-    kept &= np.logical_and.accumulate(np.isfinite(x).all(axis=1))
+    kept &= np.isfinite(x).all(axis=1)  # samples may be spoilt
     kept[:MIN_ROWS] = True
     return Trajectory(time[kept], x[kept], u[kept]), stop
+
+
+def stopped(rows: Trajectory, limits: Limits | None) -> tuple[Trajectory, None, float | None]:
+    """What counts of a recording where the robot stops beyond limits; no fault; and when it stops (s), or None."""
+    if limits is None:
+        return rows, None, None
+    bounds = np.array([limits.angle, limits.angle, limits.speed, limits.speed])
+    if not (beyond := np.flatnonzero((np.abs(rows.x) > bounds).any(axis=1))).size:
+        return rows, None, None
+    return rows.take(slice(max(int(beyond[0]), MIN_ROWS))), None, float(rows.time[beyond[0]])
 
 
 def driven_robot(name: str | Path, u: ArrayLike) -> Robot:

@@ -267,6 +267,8 @@ def change_grid(rules: RobustnessBoard, text: str) -> RobustnessBoard:
     else:
         known = ", ".join([*SWEPT_CRITERIA, "perturbations", *rules.model])
         raise SwingupError(f"grid {text!r} names no sweep: use NAME=LOW:HIGH:COUNT with one of {known}")
+    if (criterion := "model" if name in rules.model else name) not in rules.criteria:
+        raise SwingupError(f"grid {text!r} is of {criterion}, which is not measured: add it to --criteria")
     return replace(rules, name=f"{rules.name} {text}", **changed)
 
 

@@ -43,11 +43,13 @@ class Record(eqx.Module):
     """What a robot writes down of a run, row by row."""
 
     x: Float[Rows, "rows 4"]
-    """The measured states (rad, rad/s)."""
+    """The measured states (rad, rad/s), less the encoders' zeros."""
     u: Float[Rows, "rows 2"]
     """The torques that were asked for (N m), within the motors' limits: the controller's, or the supervisor's."""
     over: Bool[Rows, "rows"]
     """The supervisor has stopped the run at this row or before."""
+    takes: Bool[Rows, "rows"]
+    """The supervisor drives both joints."""
 
 
 class Trajectory(eqx.Module):
@@ -132,6 +134,11 @@ def encoded(plant: Plant, x: State) -> State:
     return x.at[:2].add(jnp.stack(plant.zeros).astype(x.dtype))
 
 
+def decoded(plant: Plant, shown: State) -> State:
+    """The measured state without the encoders' zeros, which the robot's own software subtracts."""
+    return shown.at[:2].add(-jnp.stack(plant.zeros).astype(shown.dtype))
+
+
 def loop_time(loop: LoopState, step: Count, dt: float) -> Scalar:
     """The time (s) of a step: by the loop's own clock, if it has one."""
     return step.astype(loop.x.dtype) * dt if loop.times is None else loop.times.now
@@ -155,7 +162,7 @@ def measure(scenario: Scenario, loop: LoopState, step: Count, dt: float = LOOP_D
         measured = measured_state(disturbance, past, step, noise, times, held)
         loop = replace(loop, past=past, times=times, torque_noise=torque_noise)
     if scenario.supervisor is not None and loop.supervision is not None:
-        supervision = scenario.supervisor(loop.supervision[0], now, measured)
+        supervision = scenario.supervisor(loop.supervision[0], now, decoded(scenario.parameters, measured))
         loop, called = replace(loop, supervision=supervision), ~supervision[1].takes
     return loop, measured, called
 
@@ -172,8 +179,9 @@ def record(scenario: Scenario, loop: LoopState, measured: State, command: Torque
     """A row of the robot's own record, for the loop after the first half of a step; None without a supervisor."""
     if loop.supervision is None:
         return None
-    limits = jnp.array([scenario.parameters.tl1, scenario.parameters.tl2], measured.dtype)
-    return Record(measured, jnp.clip(asked(loop, command), -limits, limits), loop.supervision[1].stops)
+    p, done = scenario.parameters, loop.supervision[1]
+    limits = jnp.array([p.tl1, p.tl2], measured.dtype)
+    return Record(decoded(p, measured), jnp.clip(asked(loop, command), -limits, limits), done.stops, done.takes)
 
 
 def apply_torque(scenario: Scenario, loop: LoopState, step: Count, command: Torque, dt: float) -> LoopState:
@@ -228,6 +236,9 @@ def simulate(
         # A state that has diverged is not the controller's fault: only finite measurements count.
         failed = called & jnp.isfinite(measured).all() & ~jnp.isfinite(command).all()
         fault = jnp.where((fault < 0) & failed, index, fault)
+        if scenario.disturbance is not None and scenario.disturbance.effects.gaps:
+            # What is answered to a spoilt sample, and is not finite, moves no motor.
+            command = jnp.where(jnp.isfinite(measured).all() | jnp.isfinite(command), command, 0.0)
         after = apply_torque(scenario, loop, index, command, dt)
         rows = Trajectory(time=time, x=before.x, u=after.u, record=record(scenario, loop, measured, command))
         return (after, memory, fault), rows

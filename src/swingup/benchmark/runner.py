@@ -236,7 +236,7 @@ def _simulate_plain(
     kept = steps if keep else 0
     x, u = np.zeros((number, kept, 4)), np.zeros((number, kept, 2))
     # Rows that are never reached count as over.
-    written = Record(np.zeros_like(x), np.zeros_like(u), np.ones((number, kept), bool))
+    written = Record(np.zeros_like(x), np.zeros_like(u), *np.ones((2, number, kept), bool))
     took: list[float] = []
     for step in range(steps):
         if step == 2:  # both halves are compiled
@@ -251,21 +251,24 @@ def _simulate_plain(
             time[:, step] = loop.times.now
         measured, command = np.asarray(state, np.float64), np.zeros((number, 2))
         # No call during a throw, nor on a state that has diverged: that is not the fault of the controller.
-        able = np.asarray(called) & np.isfinite(measured).all(axis=1)
+        able = np.asarray(called) & np.isfinite(np.asarray(loop.x)).all(axis=1)
         for index in [each for each in calls if able[each]]:
             before = perf_counter()
             try:
                 command[index] = checked_torques(calls[index], measured[index], float(time[index, step]))
             except SwingupError as error:
-                faults[index] = str(error)
-                del calls[index]
+                # A wrong answer to a spoilt sample moves no motor.
+                if np.isfinite(measured[index]).all():
+                    faults[index] = str(error)
+                    del calls[index]
             if len(took) < TIMED_CALLS:
                 took.append(perf_counter() - before)
         if not calls:
             break  # every controller has failed
         if keep and scenarios.supervisor is not None:
             row = _record(scenarios, loop, state, command)
-            written.x[:, step], written.u[:, step], written.over[:, step] = row.x, row.u, row.over
+            written.x[:, step], written.u[:, step] = row.x, row.u
+            written.over[:, step], written.takes[:, step] = row.over, row.takes
         loop = _apply_torque(scenarios, loop, np.int64(step), command, dt)
         if keep:
             u[:, step] = loop.u

@@ -117,7 +117,8 @@ class SwingUpBoard(AbstractBoard):
             parameters, disturbance = draw(setting.domain, jax.random.key(seed), setting.robot)
             if self.pushes:
                 disturbance = replace(disturbance, pushes=self.trial_pushes(setting.robot, seed))
-            stop = Stop(self.limits) if self.stops and self.limits else None
+            limits = self.stop_limits()
+            stop = None if limits is None else Stop(limits)
             scenario = Scenario(parameters, disturbance, supervisor=stop, substeps=setting.domain.substeps)
             cases.append(Case(scenario, {"seed": seed}))
         return cases
@@ -136,14 +137,18 @@ class SwingUpBoard(AbstractBoard):
         time, x, u = (np.asarray(part) for part in (rows.time, rows.x, rows.u))
         time = time - min(0.0, time[0])  # no negative swing-up times
         criteria = compute_criteria(time, x, u, *lengths, self)
-        if stop is not None or fault is not None or time[-1] - time[0] < MIN_SPAN * self.duration:
-            criteria = replace(criteria, success=False, swingup_time=None, score=0.0)
         tip = follow_tip(time, x, *lengths, self)
         if stop is not None:
             tip = replace(tip, failure=f"the robot stops it at t = {stop:.3f} s", cause="stopped")
         success = tip.failure is None and fault is None
+        if not success:
+            criteria = replace(criteria, success=False, swingup_time=None, score=0.0)
         speed, angle = float(np.abs(x[:, 2:]).max()), float(np.abs(x[:, :2]).max())
-        return Run(case, success, criteria.score if success else 0.0, fault, criteria, tip, speed, angle, stop)
+        return Run(case, success, criteria.score, fault, criteria, tip, speed, angle, stop)
+
+    def stop_limits(self) -> Limits | None:
+        """The limits where the robot stops beyond them."""
+        return self.limits if self.stops else None
 
     def summarise(self, runs: Sequence[Run], seeds: Sequence[int]) -> Summary:
         """Means over the runs; a swing-up time is that of the successes."""

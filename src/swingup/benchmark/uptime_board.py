@@ -27,6 +27,8 @@ from .board import AbstractBoard, Case, Run, Setting, Summary, TipHistory, summe
 from .rollout import Scenario, Trajectory
 from .swing_up_board import MIN_SPAN, tip_heights, tip_is_up
 
+MAX_GAP = 0.1  # s: in a longer period anything may happen; recordings have up to 0.04
+
 
 @dataclass(frozen=True, kw_only=True)
 class UptimeBoard(AbstractBoard):
@@ -70,8 +72,12 @@ class UptimeBoard(AbstractBoard):
         return True
 
     def on(self, setting: Setting) -> "UptimeBoard":
-        """The board with throws in the pendulum's own units; a robot's domain has the boards' throws."""
-        return self if setting.domain else scaled(self, scales_of(setting.nominal))
+        """The board with throws and limits in the pendulum's own units; those of a cell are its own already."""
+        return scaled(self, scales_of(setting.nominal)) if self.cell is None else self
+
+    def stop_limits(self) -> Limits | None:
+        """The limits beyond which the robot stops."""
+        return self.stop
 
     def cases(self, setting: Setting, seeds: Sequence[int]) -> list[Case]:
         """One minute a seed: throws on one plant, or a plant and a loop drawn from a domain."""
@@ -104,8 +110,9 @@ class UptimeBoard(AbstractBoard):
         time, x = time[within], x[within]
         lengths = float(case.scenario.parameters.l1), float(case.scenario.parameters.l2)
         up = tip_is_up(x, *lengths, self.height)
-        # Each row has the time since the one before it.
-        share = 0.0 if fault else float(np.diff(time, prepend=time[0])[up].sum()) / self.duration
+        # Each row has the time since the one before it, but for what a gap leaves out.
+        periods = np.minimum(np.diff(time, prepend=time[0]), MAX_GAP)
+        share = 0.0 if fault else float(periods[up].sum()) / self.duration
         whole = time[-1] - time[0] >= MIN_SPAN * self.duration
         success = bool(whole and stop is None and fault is None and up[-1])
         tip = TipHistory(float(tip_heights(x, *lengths).max()), sum(lengths), None)

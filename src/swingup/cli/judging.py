@@ -13,7 +13,7 @@ from ..benchmark.boards import BOARDS, get_board
 from ..benchmark.disturbances import DisturbanceSettings, PushRules
 from ..benchmark.judge import judge, make_setting, score
 from ..benchmark.leaderboard import DEFAULT_BOARDS, leaderboard
-from ..benchmark.recording import load_trajectory, save_trajectory
+from ..benchmark.recording import load_trajectory, save_trajectory, turned
 from ..benchmark.robustness_board import RobustnessBoard, change_grid
 from ..common.errors import SwingupError, command_line
 from ..common.files import check_writable, write_atomically
@@ -21,6 +21,7 @@ from ..controllers.check import call_time, call_words, check_controller, slow_ca
 from ..controllers.registry import BUILT_IN, controller_on
 from ..loop.loop import LOOP_DT
 from ..plant.plant import LEADERBOARD, ROBOTS, Plant, Robot, get_robot
+from ..plant.units import scaled, scales_of
 from ..policy.shipped import DEFAULT
 from ..report.page import make_section, render_page
 from .arguments import (
@@ -126,10 +127,15 @@ def evaluate_command(
     if check:
         refuse_ignored({**simulated, "json": json, "seed": seed or None}, "does not go with --check")
         return _check(controller, robot, wanted, facts_of(plant))
-    given: Any = {**disturbance, "pushes": PushRules() if disturbance.get("pushes") else None}
+    on, pushes = plant_of(plant), None
+    if disturbance.get("pushes"):
+        pushes = scaled(PushRules(), scales_of(LEADERBOARD if on is None else on.facts.driven(robot)))
+    given: Any = {**disturbance, "pushes": pushes}
     disturbed = DisturbanceSettings(**given) if disturbance else None
-    loop: Any = {"plant": plant_of(plant), "domain": domain, "disturbance": disturbed}
+    loop: Any = {"plant": on, "domain": domain, "disturbance": disturbed}
     boards, results = _boards(board, criteria, grid), []
+    if seeds is not None and not any(each.is_random(make_setting(robot, each, **loop)) for each in boards):
+        raise SwingupError(f"--seeds {seeds}: nothing on {' '.join(board)} is random: leave it out")
     if save is not None:
         if len(boards) > 1 or not boards[0].keeps_rows:
             raise SwingupError(
@@ -146,7 +152,8 @@ def evaluate_command(
         if not json:
             tell(*result_lines(result, judged_name(controller, found)))
     if save is not None and results[0].trajectory is not None:
-        save_trajectory(save, results[0].trajectory)
+        zeros = results[0].runs[0].case.scenario.parameters.zeros
+        save_trajectory(save, turned(results[0].trajectory, zeros))
     if json:
         # The result names the command that repeats it; the leaderboard shows it beside shipped rows.
         options = {"controller": controller, "seed": seed, "seeds": seeds, "domain": domain}
@@ -180,9 +187,9 @@ def _boards(names: Sequence[str], criteria: Sequence[str] = (), grid: Sequence[s
     for name in names:
         board = get_board(name)
         if isinstance(board, RobustnessBoard):
+            board = replace(board, criteria=tuple(criteria) or board.criteria)
             for text in grid:
                 board = change_grid(board, text)
-            board = replace(board, criteria=tuple(criteria) or board.criteria)
         boards.append(board)
     if (criteria or grid) and not any(isinstance(board, RobustnessBoard) for board in boards):
         raise SwingupError("--criteria and --grid are those of --board robustness: leave them out")

@@ -118,15 +118,16 @@ def make_controller_command(
             raise SwingupError(f"{len(sources)} files, the first of a plant: give one plant, or logs alone")
         for_logs = {"start": start, "set": set, "known": known, "columns": columns, "force": force, "page": page}
         refuse_ignored(for_logs, f"is for logs, and {sources[0]} is a plant")
-        around = resolve(sources[0], domain)
+        source = sources[0]
     else:
         measured = named_values("--set", itertools.chain(*set), "m1=0.5")
         begin = measured_plant(start, measured).plant if measured else (start or START)
         _the_robot(resolve(begin).nominal_plant, robot)  # Before the minute that a fit takes; it keeps the motors
         found = _identified(sources, begin, known, columns, force)
-        around = resolve(resolve(domain=found.save(path.with_name(f"{path.name}-plant.yml"))), domain)
+        source = str(found.save(path.with_name(f"{path.name}-plant.yml")))
         if page is not None:
             save_log_report(report_identification(found), page)
+    around = resolve(source, domain)
     robot = _the_robot(around.nominal_plant, robot)
     file = f"{path}{SUFFIX}"
 
@@ -155,16 +156,17 @@ def make_controller_command(
     if isinstance(policy, FeedbackPolicy):
         policy = dataclasses.replace(policy, metadata=provenance)
         write_feedback(file, policy)
-        again = command_line("evaluate", robot.name, controller=policy.name, estimator=True, plant=around.name)
-        tell(f"{again} runs the same in simulation")
     else:
         write_pendulum_policy(file, policy, {**policy.metadata, **provenance})
     # By draws on which nothing was chosen.
     result = _judged(policy, around, seeds, file, JUDGED_SEED)
     tell(*result_lines(result, file))
     write_export(policy, to, out, name)
-    again = command_line("refine", robot.name, recipe="adapt", plant=around.name, out=f"{path}-adapted{SUFFIX}")
+    on = {"plant": source, "domain": domain}
+    again = command_line("evaluate", robot.name, board=SIM2REAL.name, controller=file, **on)
+    tell(f"judge it on other draws with {again}")
     if result.successes < ENOUGH * len(result.runs):
+        again = command_line("refine", robot.name, recipe="adapt", **on, out=f"{path}-adapted{SUFFIX}")
         tell(f"it fails on {len(result.runs) - result.successes} of {len(result.runs)}: an hour of {again}")
     return 0
 

@@ -10,6 +10,7 @@ from tyro.conf import arg
 from ..common.arrays import SUFFIX
 from ..common.errors import command_line, duration
 from ..learner.run import Run
+from ..loop.loop import VALUES
 from ..plant.plant import Robot
 from ..policy.shipped import AR_EAPO, load_pendulum_policy
 from ..refine.adapt import Watch, adapt
@@ -97,7 +98,11 @@ def refine_command(
             _show(bar, now)
 
         run_recipe(base, recipe, seed, plant=on, domain=domain, report=report, progress=bar)
-    tell(f"wrote {out}: judge it with {command_line('evaluate', robot.name, controller=out, **plant)}")
+    # A plant with ranges, or in a loop, is judged in simulations of the robot.
+    drawn = domain is not None or (on is not None and (any(map(VALUES.get, on.names)) or not on.knows_plant))
+    board = "sim2real" if drawn else None
+    again = command_line("evaluate", robot.name, board=board, controller=out, **plant, domain=domain)
+    tell(f"wrote {out}: judge it with {again}")
     return 0
 
 

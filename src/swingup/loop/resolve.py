@@ -72,9 +72,8 @@ def resolve(
     """
     found = None if domain is None or domain == NO_LOOP else _find(domain)
     if plant is None and found is not None:
-        return found
-    facts = _find_plant(PLANT_ALONE if plant is None else plant)
-    facts = _guessed(facts, share) if share is not None and facts.knows_plant else facts
+        return _guessed(found, share)
+    facts = _guessed(_find_plant(PLANT_ALONE if plant is None else plant), share)
     return facts if found is None else _in_loop(facts, found)
 
 
@@ -136,8 +135,10 @@ def _domain_of(content: Mapping[str, Any], name: str = "DOMAIN.yml", folder: str
     return dataclasses.replace(made, design=design or made.nominal_plant)
 
 
-def _guessed(facts: Domain, share: float) -> Domain:
-    """The domain of a guess that is off by a share; its loop stays."""
+def _guessed(facts: Domain, share: float | None) -> Domain:
+    """The domain of a guess that is off by a share, if one is given; a plant with ranges and the loop stay."""
+    if share is None or not facts.knows_plant:
+        return facts
     off = dict.fromkeys(("m1", "m2", "I1", "I2"), share)
     # At most all of it: no friction is below 0.
     off |= dict.fromkeys(("b1", "b2", "cf1", "cf2", "Ir"), min(1.0, 5.0 * share))

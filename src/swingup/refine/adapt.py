@@ -98,8 +98,8 @@ def adapt(
         out: the policy's file, rewritten as it proceeds: an interrupted call leaves its latest policy.
         domain: plants and loops, as of the board ``sim2real``: a domain, its name or its file; None for
             ``recorded``.
-        plant: a plant, its name or its file, in the loop of the domain; without ranges it is a guess, which is off
-            by 10 %. OUT-adapt.yml has the domain that follows. None for the domain's plants.
+        plant: a plant, its name or its file, in the loop of the domain; None for the domain's plants. A plant
+            without ranges is a guess, which is off by 10 %. OUT-adapt.yml has the domain that follows.
         policy: a policy of one plant that recovers; None for one that is trained first, unless the shipped one
             succeeds.
         frames: frames that it is trained for; None for the preset's.
@@ -127,8 +127,9 @@ def adapt(
         raise SwingupError(f"the policy sees its plant already: leave it out, or use the recipe {RECOVER}")
     if policy is not None and policy.robot != robot:
         raise SwingupError(f"the policy is for the {policy.robot.name}, not the {robot.name}")
-    around = resolve(plant, RECORDED if domain is None else domain, GUESS)
-    if plant is not None:
+    loop = RECORDED if domain is None else domain
+    around = resolve(plant, loop, GUESS)
+    if plant is not None or around != resolve(domain=loop):
         around = save_domain(out.with_name(f"{out.stem}-adapt.yml"), around, command)
     attempts = _Attempts(robot, out, around, seeds, command, watch)
     shipped = shipped_for(around, robot) if policy is None else None
