@@ -1,8 +1,8 @@
 """A fit of one short simulated log, whose plant, offsets and delay are known."""
 
+import importlib
 import itertools
 import json
-import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,7 +15,7 @@ from swingup.identification import fit as bootstrap
 from swingup.identification import prediction
 from swingup.identification.fit import Evaluator, linearise
 from swingup.identification.prediction import INDEX, integration_of, vector_of
-from swingup.identification.results import bound_notes
+from swingup.identification.results import USUAL_LATENCY, bound_notes
 from swingup.identification.unknowns import Problem
 from swingup.loop.resolve import resolve
 from swingup.plant.base_parameters import base_parameters
@@ -104,7 +104,10 @@ def test_a_free_fall_determines_ratios_alone(tmp_path):
         write(tmp_path / f"{k}.csv", simulate(6.0, k, (0.0, 0.0), start))
         for k, start in enumerate([(2.5, 1.0, 0.0, 0.0), (-1.5, 2.0, 0.0, 0.0)])
     ]
-    found = swingup.identify(logs).estimates
+    identified = swingup.identify(logs)
+    found = identified.estimates
+    # Nothing shows the loop, of which the domain keeps what is usual.
+    assert {name: tuple(identified.domain[name]) for name in USUAL_LATENCY} == USUAL_LATENCY
     assert [name for name in (*BASE, RATIO) if found.determined[name]] == [RATIO]
     assert found.values[RATIO] == pytest.approx(EXPECTED["m2 r2"] / EXPECTED["m1 r1 + m2 l1"], rel=0.01)
     # A rotor without inertia has no scale; one known value above 0 gives that of all.
@@ -128,6 +131,16 @@ def test_a_known_gain_is_that_of_both_motors():
     unknowns, gains = problem.unknowns(plant=True), [INDEX["gain1"], INDEX["gain2"]]
     assert not {*gains} & {*unknowns.entries.tolist()}
     np.testing.assert_array_equal(unknowns.models(unknowns.start)[:, gains], 0.8)
+
+
+@pytest.mark.parametrize(("known", "free"), [({}, [2]), ({"Ir": 6e-5}, [2]), ({"B": 0.05}, [1, 2])])
+def test_the_first_session_with_torques_is_the_unit(known, free):
+    """A data sheet's rotor says too little of the masses to be the unit; a link's inertia says it."""
+    logs = [SimpleNamespace(driven=(bool(each), False), commanded=True) for each in range(3)]
+    logs[2].driven = (False, True)
+    problem = Problem(integration_of(TRUTH), vector_of(TRUTH), logs, [0, 1, 2], known)
+    assert problem.unit_session == 1
+    assert np.flatnonzero(problem.unknowns(plant=True).place[:, INDEX["gain1"]] >= 0).tolist() == free
 
 
 def test_what_ends_at_a_bound_is_a_note():
@@ -155,7 +168,7 @@ def test_what_ends_at_a_bound_is_a_note():
 
 def test_a_fit_is_never_worse_than_its_start(logs, monkeypatch):
     """A fit that went wrong is pulled back towards its start until held-out motion is predicted best."""
-    module = sys.modules["swingup.identification.identify"]
+    module = importlib.import_module("swingup.identification.identify")
     spoilt = []
 
     def astray(problem, windows, start):
@@ -172,6 +185,11 @@ def test_a_fit_is_never_worse_than_its_start(logs, monkeypatch):
     assert fitted <= start
     assert "worse than the starting plant" in found.notes[0]
     assert not np.allclose(found.models[0], spoilt[0].models[0])
+    # What the logs said stays possible.
+    low, high = found.estimates.intervals["m2 r2"]
+    ends = sorted([spoilt[0].models[0][INDEX["m2r2"]], found.estimates.values["m2 r2"]])
+    assert low <= ends[1] - 0.5 * (ends[1] - ends[0]) <= high
+    assert high - low > 0.5 * (ends[1] - ends[0])
 
 
 def test_columns_of_another_sign_are_named(tmp_path, logs):

@@ -54,12 +54,23 @@ def test_one_mapped_torque_keeps_the_logs_other(name, tmp_path):
     np.testing.assert_allclose(found, commands * [name != "duty", 1], atol=1e-9)
 
 
-def test_a_time_that_leaves_no_digits_for_a_period_is_refused(tmp_path):
-    """The clock restarts after it, and later rows would all have its time."""
+def test_one_mapped_current_keeps_the_logs_torque_or_asks_for_the_other_current(tmp_path):
+    table, header = np.column_stack([TABLE, 2 * TABLE[:, 5]]), HEADER + ",current2"
+    recording = read_recording(write(tmp_path / "log.csv", table, header), ["u2=current2:A*0.5"])
+    np.testing.assert_allclose(recording.u, TORQUES[:, [0, 0]], atol=1e-9)
+    header = header.replace("tau_con1,tau_con2", "current1,none")
+    log = write(tmp_path / "log.csv", table, header)
+    assert "map u1 as well, or u1=0" in refusal(lambda: read_recording(log, ["u2=current2:A*0.5"]))
+
+
+@pytest.mark.parametrize(("row", "time"), [(-3, 1.6e212), (0, -1.7e9), (slice(500, None), 1.7e9)])
+def test_a_time_of_another_epoch_is_a_pause(tmp_path, row, time):
     table = TABLE.copy()
-    table[-3, 0] = 1.6e212
-    message = refusal(lambda: read_recording(write(tmp_path / "log.csv", table)))
-    assert message.startswith("log.csv has a time of 1.6e+212 s after its start")
+    table[row, 0] += time
+    log = read_recording(write(tmp_path / "log.csv", table))
+    assert f"the time jumps by {abs(time):.3g} s: read as a pause" in log.warnings[0]
+    assert len(log.time) == len(TABLE)
+    assert log.duration < TABLE[-1, 0] + 1.0
 
 
 def test_quanta_differ_by_joint(tmp_path):
@@ -67,6 +78,23 @@ def test_quanta_differ_by_joint(tmp_path):
     table = changed([1, 2], lambda angles: np.round(angles / steps) * steps)
     assert read_recording(write(tmp_path / "log.csv", table)).quantum == pytest.approx(steps, rel=1e-3)
     assert read_recording(write(tmp_path / "exact.csv", TABLE)).quantum == (0.0, 0.0)
+
+
+def test_a_slow_camera_in_a_fast_loop(tmp_path):
+    """30 Hz in a loop of 500 Hz: each angle stands for 16 or 17 rows, of which the first is measured."""
+    shown = np.floor(TIME * 30 + 1e-9).astype(int)
+    first = np.append(True, np.diff(shown) > 0)
+    motion = np.column_stack([3 * np.sin(3 * TIME), 0.5 * np.cos(5 * TIME)])
+    table = np.column_stack([TIME, motion[first][shown], TORQUES])
+    header = "time,pos_meas1,pos_meas2,tau_con1,tau_con2"
+    recording = read_recording(write(tmp_path / "log.csv", table, header))
+    assert np.count_nonzero(recording.fresh != first) < 25  # at turning points equal rows tell nothing
+    assert len(recording.time) == len(TIME)  # no edge counts as a dropout
+    assert "repeat the one before" in "".join(recording.warnings)
+    slow = table.copy()
+    slow[:, 1:3] = table[::60, 1:3].repeat(60, axis=0)
+    refused = refusal(lambda: read_recording(write(tmp_path / "slow.csv", slow, header)))
+    assert "rows are 0.12 s apart (median), too slow for a pendulum" in refused
 
 
 def test_repeated_rows_are_found(tmp_path):
@@ -103,14 +131,14 @@ def test_torques_of_some_rows_hold_and_states_may_have_one_row_more(tmp_path):
 
 
 FEW_ROWS = np.column_stack([0.1 * np.arange(14), TABLE[np.arange(14) * 50 // 250 * 250, 1:]])
-HELD = np.column_stack([0.01 * np.arange(450), np.repeat(TABLE[[0, 300, 600], 1:], 150, axis=0)])
+HELD = np.column_stack([0.01 * np.arange(450), np.repeat(TABLE[np.arange(0, 900, 60), 1:], 30, axis=0)])
 REFUSED = {
     "joint 2 never moves": changed([2], np.zeros_like),
     "at least 0.8 s": changed([0], lambda time: time / 1000),
     "with enough digits of the time": changed([0], np.floor),
     "comes after": changed([0], lambda time: np.abs(time - 1)),
     "log.csv has 3 different rows, ": FEW_ROWS,
-    "log.csv has only 3 different pairs of angles in 450 rows": HELD,
+    "log.csv has only 15 different pairs of angles in 450 rows": HELD,
     "angle 2 stays at 0.1418 rad from 1 to 3 s, while joint 1 moves by 2 rad": np.vstack(
         [TABLE[:500], np.insert(np.delete(TABLE[500:], 2, axis=1), 2, TABLE[500, 2], axis=1)]
     ),
@@ -163,10 +191,12 @@ def test_the_only_log_of_a_session_is_not_held_out(tmp_path):
     log = read_recording(write(tmp_path / "log.csv", TABLE))
     windows = score_windows([log] * 3)
 
-    def judged(sessions):
-        return np.unique(hold_out(windows, windows, sessions)[0].log).tolist()
+    def judged(sessions, driven=(True, True, True)):
+        return np.unique(hold_out(windows, windows, sessions, driven)[0].log).tolist()
 
     assert (judged([0, 0, 0]), judged([0, 1, 0]), judged([0, 1, 2])) == ([1], [2], [0, 1, 2])
+    # The only one with torques is not, either.
+    assert judged([0, 0, 0], (False, True, False)) == [2]
 
 
 def test_errors_by_hand():

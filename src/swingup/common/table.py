@@ -166,7 +166,10 @@ def _number(cell: Any) -> float | None:
 
 def _decimal(cell: Any) -> Decimal:
     """A cell's number to its last digit; NumPy's longest floats are neither texts nor Python's numbers."""
-    return Decimal(cell if isinstance(cell, str | float) else str(cell))
+    try:
+        return Decimal(cell if isinstance(cell, str | float) else str(cell))
+    except ArithmeticError:  # an exponent that a float ends with 0 or infinity
+        return Decimal(float(cell))
 
 
 def _filled(column: Sequence[Any]) -> int:

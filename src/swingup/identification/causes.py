@@ -28,7 +28,7 @@ from ..plant.momentum import momentum_rows
 from ..plant.plant import Plant
 from .prediction import Integration
 from .recording import Recording
-from .segments import REACH, cumulative_torque, smooth
+from .segments import REACH, clear_of_gaps, cumulative_torque, smooth
 from .unknowns import check_masses
 
 STEP = 0.01  # Time between the states from which momenta are taken (s)
@@ -147,7 +147,7 @@ def roughness(recording: Recording) -> Float[np.ndarray, "2"]:
     A joint that hits the ends of its play moves faster than the torques on a stiff arm can make it.
     """
     time = recording.time[recording.fresh]
-    inside = (time > REACH) & (time < time[-1] - REACH)
+    inside = (time > REACH) & (time < time[-1] - REACH) & clear_of_gaps(recording, time, time)
     distance = recording.q[recording.fresh][inside] - smooth(recording, time[inside])[:, :2]
     rounding = np.asarray(recording.quantum) ** 2 / 12.0
     return np.sqrt(np.maximum(np.mean(distance**2, axis=0) - rounding, 0.0))
@@ -162,10 +162,7 @@ class Balance:
         self.times = np.arange(REACH, recording.duration - REACH, STEP)
         self.q = smooth(recording, self.times)[:, :2]
         starts = np.arange(0, len(self.times) - 2 - SPAN, STRIDE)
-        gaps = np.flatnonzero(recording.gaps)
-        for left, right in zip(recording.time[gaps], recording.time[gaps + 1], strict=True):
-            begin, end = self.times[starts], self.times[starts + SPAN + 2]
-            starts = starts[(end + REACH <= left) | (begin - REACH >= right)]
+        starts = starts[clear_of_gaps(recording, self.times[starts], self.times[starts + SPAN + 2])]
         if not starts.size:
             least = (SPAN + 2) * STEP + 2.0 * REACH
             raise SwingupError(f"{recording.name} has gaps everywhere: at least {least:.2g} s in a row are needed")

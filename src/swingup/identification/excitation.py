@@ -202,6 +202,7 @@ class Excitation:
     speed: float  # Largest speed over all checked plants (rad/s)
     plants: int  # Number of checked plants
     prior: str = ""  # Name of the domain that they were drawn from
+    zeros: tuple[float, float] = (0.0, 0.0)  # What the encoders show where the pendulum hangs (rad)
 
     @property
     def time(self) -> Float[np.ndarray, "rows"]:
@@ -223,10 +224,12 @@ class Excitation:
     def save(self, path: str | Path) -> None:
         """Write time, motion, torques and gains K of u = tau + K (x - motion), under RealAIGym's names.
 
-        CloudPendulum's desired motions have the same names of time, pos, vel and acc.
+        Angles are those that the plant's encoders show, from their zeros. CloudPendulum's desired motions have the
+        same names of time, pos, vel and acc.
         """
         acceleration = np.gradient(self.state[:, 2:], PERIOD, axis=0)
-        table = np.column_stack([self.time, self.state, acceleration, self.torque])
+        shown = self.state + np.append(self.zeros, [0.0, 0.0])
+        table = np.column_stack([self.time, shown, acceleration, self.torque])
         names = ["time", *(f"{each}{joint}" for each in ("pos", "vel", "acc", "tau") for joint in (1, 2))]
         columns = dict(zip(names, table.T, strict=True))
         # The loop that plays the file knows one matrix K a row; each motor here sees its own joint alone.
@@ -280,7 +283,8 @@ def excite(
             f"no motion keeps all plants of {prior.name} within {limits.angle:g} rad and {limits.speed:g} rad/s: "
             "allow more, narrow the prior, or ask for a shorter excitation"
         )
-    return replace(max(candidates, key=lambda each: information(setting, each.state)), prior=prior.name)
+    best = max(candidates, key=lambda each: information(setting, each.state))
+    return replace(best, prior=prior.name, zeros=(float(middle.zero1), float(middle.zero2)))
 
 
 def limits_for(

@@ -86,8 +86,12 @@ def pulled(
     """The solution moved back towards the starting plant, to a share of the way."""
     if share == 1.0:
         return found
-    z = share * found.z + (1.0 - share) * found.unknowns.position(start)
-    return linearise(Evaluator(problem.setting, windows, found.unknowns), z)
+    return linearise(Evaluator(problem.setting, windows, found.unknowns), between(found, start, share))
+
+
+def between(found: Fit, start: Float[np.ndarray, "sessions 15"], share: float) -> Float[np.ndarray, "unknowns"]:
+    """The position at a share of the way from the starting plant to the solution; what is known stays."""
+    return share * found.z + (1.0 - share) * found.unknowns.position(start)
 
 
 def _regressed(problem: Problem, models: np.ndarray) -> np.ndarray:

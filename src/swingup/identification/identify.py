@@ -17,13 +17,23 @@ from ..loop.resolve import resolve
 from ..plant.files import representative, save_plant
 from ..plant.plant import Plant, PlantLike
 from .conventions import check_columns
-from .fit import WARM_STAGES, Fit, draw_solutions, fit, fit_all, fit_start, pulled
+from .fit import WARM_STAGES, Fit, between, draw_solutions, fit, fit_all, fit_start, pulled
 from .prediction import INDEX, NAMES, Integration, integration_of, vector_of
 from .recording import Recording, read_recording, sensors
-from .results import TITLES, Estimates, bound_notes, domain_of, make_notes, mass_notes, read_solution
+from .results import (
+    TITLES,
+    USUAL_LATENCY,
+    Estimates,
+    bound_notes,
+    domain_of,
+    make_notes,
+    mass_notes,
+    read_solution,
+    session_tail,
+)
 from .scoring import Errors, hold_out, prediction_errors, score_windows, summarise
 from .segments import FIT_LENGTH, Segments, cut_windows, join
-from .unknowns import Problem, known_entries, session_numbers
+from .unknowns import LATENCY, Problem, known_entries, session_numbers
 
 
 @dataclass(frozen=True)
@@ -94,7 +104,7 @@ def identify(
             errors; the parameters are then fitted to everything.
         start: the plant to start from: its lengths, gravity and gear ratio count as known.
         known: values that the user knows, such as ``{"m2r2": 0.16}``, ``{"Ir": 6e-5}`` or ``{"gain": 0.85}``.
-        sessions: a label for each log, test logs last; torque gains are relative to the first session.
+        sessions: a label for each log, test logs last; torque gains are relative to the first with torques.
         seed: of the bootstrap.
         columns: words that map the columns of all logs, as in ``["time=t", "q1=theta1:deg"]``
             (:mod:`swingup.common.columns`).
@@ -121,26 +131,30 @@ def identify(
         judged, kept = score_windows(tests), windows
         judged = replace(judged, log=judged.log + len(recordings))
     else:
-        judged, kept = hold_out(score_windows(recordings), windows, problem.sessions)
+        driven = [any(each.driven) for each in recordings]
+        judged, kept = hold_out(score_windows(recordings), windows, problem.sessions, driven)
     # The starting plant gets its best delay and lag too, fitted to the same motion: otherwise the comparison would
     # favour the fit.
     start_fit = fit_start(problem, kept)
     solution = fit_all(problem, kept, start_fit)
     start_models = start_fit[numbers]
-    share = _best_share(setting, solution, start_models, judged, numbers)
+    share = _best_share(setting, solution, start_fit, judged, numbers)
     # The reported parameters use all motion. The errors stay those of the fit without the held-out motion.
     final = solution
     if not tests and len(kept):
         final = fit(setting, windows, solution.unknowns, solution.z, WARM_STAGES)
     share = min(share, _possible_share(final, start_fit, plant))
-    solution = pulled(problem, kept, solution, start_fit, share)
+    solution, whole = pulled(problem, kept, solution, start_fit, share), final
     final = pulled(problem, windows, final, start_fit, share)
+    draws = draw_solutions(final, windows, seed)
     if share < 1.0:
         notes.append(_pulled_note(share))
-    notes += mass_notes(problem, final.models[0], recordings[0])
+        # What the logs say by themselves is possible, too.
+        draws = np.concatenate([draws, draw_solutions(whole, windows, seed)])
+    notes += mass_notes(problem, final.models[0])
     notes += bound_notes(final.unknowns, final.z)
     models = solution.models[numbers]
-    estimates = read_solution(problem, final.unknowns, final.z, draw_solutions(final, windows, seed), seed)
+    estimates = read_solution(problem, final.unknowns, final.z, draws, seed)
     fitted, domain = _plant_and_domain(problem, final, estimates, plant)
     return Identification(
         plant=fitted,
@@ -167,27 +181,27 @@ SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
 def _best_share(
     setting: Integration,
     solution: Fit,
-    start: Float[np.ndarray, "logs 15"],
+    start: Float[np.ndarray, "sessions 15"],
     judged: Segments,
     numbers: Sequence[int],
 ) -> float:
     """The share of the way from the start that predicts held-out motion best: all, unless the start is better."""
 
-    def error(share: float) -> float:
-        models = start + share * (solution.models[numbers] - start)
-        return summarise(prediction_errors(setting, models, judged), [FIT_LENGTH])[f"{FIT_LENGTH:g}"].angle or 0.0
+    def error(models: Float[np.ndarray, "sessions 15"]) -> float:
+        found = summarise(prediction_errors(setting, models[numbers], judged), [FIT_LENGTH])
+        return found[f"{FIT_LENGTH:g}"].angle or 0.0
 
     # Only a fit that is worse is pulled back: a share that is chosen on held-out motion makes the errors there
     # look better than they are.
-    if error(1.0) <= error(0.0):
+    if error(solution.models) <= error(start):
         return 1.0
-    return min(SHARES, key=error)
+    return min(SHARES, key=lambda share: error(solution.unknowns.models(between(solution, start, share))))
 
 
 def _possible_share(final: Fit, start: Float[np.ndarray, "sessions 15"], plant: Plant) -> float:
     """The largest share of the way whose base parameters a pendulum has."""
     for share in np.arange(1.0, 0.0, -0.05):
-        model = start[0] + share * (final.models[0] - start[0])
+        model = final.unknowns.models(between(final, start, float(share)))[0]
         with contextlib.suppress(SwingupError):
             representative(dict(zip(NAMES, np.maximum(model, 0.0).tolist(), strict=True)), plant)
             return float(share)
@@ -196,7 +210,10 @@ def _possible_share(final: Fit, start: Float[np.ndarray, "sessions 15"], plant: 
 
 def _pulled_note(share: float) -> str:
     if share == 0.0:
-        return "the fit predicts held-out motion worse than the starting plant does: the starting plant is kept"
+        return (
+            "the fit predicts held-out motion worse than the starting plant does, or no pendulum has its values: "
+            "the starting plant is kept"
+        )
     return (
         f"the whole fit predicts held-out motion worse than the starting plant, or no pendulum has its values: "
         f"{share:.0%} of the way to it is taken"
@@ -211,9 +228,16 @@ def _plant_and_domain(
     model = dict(zip(NAMES, np.maximum(final.models[0], 0.0).tolist(), strict=True)) | offsets
     fitted = representative(model, start).changed(zero1=offsets["offset1"], zero2=offsets["offset2"])
     model["A"] -= model["B"]  # as in the estimates
+    # The loop is that of the first session with torques.
+    unit = problem.unit_session
+    model |= {name: float(final.models[unit, INDEX[name]]) for name in ("gain1", "gain2", *LATENCY)}
+    tails = dict.fromkeys(model, "") | dict.fromkeys(("gain1", "gain2", *LATENCY), session_tail(unit))
     ranges = {
-        name: estimates.intervals.get(TITLES.get(name, name), (value, value)) for name, value in model.items()
+        name: estimates.intervals.get(TITLES.get(name, name) + tails[name], (value, value))
+        for name, value in model.items()
     }
+    if not problem.driven:  # nothing shows what the loop is
+        ranges |= {name: each for name, each in USUAL_LATENCY.items() if name not in problem.known}
     # What the zeros of the plant leave.
     loop = {name: [end - zero for end in ranges[name]] for name, zero in offsets.items()}
     # A gain that was not fitted is 1 by convention, which says nothing of the motors.

@@ -5,6 +5,7 @@ that are not in seconds are refused; motors that saturate and gaps are warnings.
 """
 
 import itertools
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -162,7 +163,8 @@ def check_time(name: str, time: Float[np.ndarray, "rows"], title: str, columns: 
     # A time in other units shows as a period that no loop has.
     low, high = USUAL_PERIODS
     unit = next((each for each, size in UNITS["time"].items() if low <= period * size <= high), "s")
-    if period > MAXIMUM_PERIOD and unit != "s":
+    given = any(re.fullmatch(r"time=[-+.\deE]+", word) for word in columns)  # a period, in seconds
+    if period > MAXIMUM_PERIOD and unit != "s" and not given:
         words = completed([f"{title}:{unit}"], columns)
         counter = "; if it counts rows, write time=PERIOD (s) instead" if np.all(steps == 1.0) else ""
         raise SwingupError(
@@ -207,8 +209,10 @@ def check_motion(name: str, q: Float[np.ndarray, "rows 2"]) -> None:
 
 def check_stuck(name: str, time: Float[np.ndarray, "rows"], q: Float[np.ndarray, "rows 2"]) -> None:
     """Refuse an encoder that keeps its value while the other joint goes far: its coupling would move this one."""
+    steps = np.diff(time)
+    apart = steps > longest_step(float(np.median(steps)))
     for joint in (0, 1):
-        ends = [0, *(np.flatnonzero(np.diff(q[:, joint])) + 1).tolist(), len(q)]
+        ends = [0, *(np.flatnonzero(apart | (np.diff(q[:, joint]) != 0)) + 1).tolist(), len(q)]
         for start, end in itertools.pairwise(ends):
             if end - start > 2 and (travel := float(np.ptp(q[start:end, 1 - joint]))) > DEAD_TRAVEL:
                 raise SwingupError(
@@ -241,8 +245,10 @@ def find_warnings(
     if longest > longest_step(period):
         at = float(time[int(np.argmax(periods))])
         found.append(f"time jumps by {longest:.3g} s at {at:.3g} s: no prediction crosses the gap")
-    if period > SLOW_PERIOD:
-        found.append(f"rows are {period:.3g} s apart: below 33 Hz parameters come out wrong, by a quarter at 20 Hz")
+    if (apart := float(np.median(np.diff(time[fresh])))) > SLOW_PERIOD:
+        found.append(
+            f"angles are {apart:.3g} s apart: below 33 Hz parameters come out wrong, by a quarter at 20 Hz"
+        )
     if not np.any(u):
         found.append("the torques are all zero: it counts as a free fall")
     for joint in (0, 1):
@@ -270,11 +276,9 @@ def longest_step(period: float) -> float:
     return max(GAP, GAP_PERIODS * period)
 
 
-def slopes_of(
-    time: np.ndarray, q: np.ndarray, window: float = SLOPE_WINDOW, reach: int | None = None
-) -> Float[np.ndarray, "rows 2"]:
-    """Mean velocities (rad/s) over a window (s) about each row, or over a number of rows to each side of it."""
-    reach = max(1, round(0.5 * window / float(np.median(np.diff(time))))) if reach is None else reach
+def slopes_of(time: np.ndarray, q: np.ndarray, window: float = SLOPE_WINDOW) -> Float[np.ndarray, "rows 2"]:
+    """Mean velocities (rad/s) over a window (s) about each row."""
+    reach = max(1, round(0.5 * window / float(np.median(np.diff(time)))))
     rows = np.arange(len(time))
     after, before = np.minimum(rows + reach, len(time) - 1), np.maximum(rows - reach, 0)
     return (q[after] - q[before]) / (time[after] - time[before])[:, None]

@@ -29,7 +29,6 @@ from .log_checks import (
     lone_zeros,
     longest_step,
     one_clock,
-    slopes_of,
 )
 
 _POSITIONS = (("pos_meas1", "pos_meas2"), ("pos1", "pos2"))
@@ -45,6 +44,7 @@ MEASURED_NOISE = 0.01
 DIFFERENCES = 1e-3
 """Median distance (rad/s) up to which recorded velocities are backward differences of the angles."""
 MAXIMUM_FAULTS = 0.05  # largest share of rows whose time does not increase
+LONGEST_PAUSE = 60.0  # A longer step of the time (s) is read as a pause: it may be from another epoch
 NOTABLE_SHARE = 0.005  # share of rows without a torque that is worth a note
 REPEAT_MOTION = 0.25
 """Motion between two rows, in steps of an encoder, from which equal angles count as a repeated measurement."""
@@ -130,12 +130,13 @@ def read_recording(path: str | Path, columns: Sequence[str] = (), force: bool = 
     notes += find_turns(angles[0]) if turn is None else []
     fresh = _fresh_rows(q, quantum, time, values)
     check_fresh(name, fresh, q)
+    check_time(name, time[fresh], table.sources["time"].word("time"), columns)
     check_motion(name, q[fresh])
-    if not force:
-        check_stuck(name, time, q)
     kept, time, found = cut_episodes(time, q, fresh, longest_step(float(np.median(np.diff(time)))))
     time, q, fresh = time[kept], q[kept], fresh[kept]
     check_fresh(f"{name}, without rows whose angles jump away and back,", fresh, q)
+    if not force:
+        check_stuck(name, time, q)
     values = {each: column[kept] for each, column in values.items()}
     dq, slopes = _pair(values, _VELOCITIES), _differences(time, q)
     u, commanded, lacking = _torques(time, values)
@@ -162,16 +163,20 @@ def read_recording(path: str | Path, columns: Sequence[str] = (), force: bool = 
 
 
 def _with_both_torques(path: str | Path, columns: Sequence[str]) -> Sequence[str]:
-    """The words; where they map one torque alone, the other is the log's column beside it, or 0 without one."""
+    """The words; where they map one torque alone, the other is that of the log, or 0 if it has no other column."""
     torques = [word for word in columns if word.startswith(("u1=", "u2="))]
     if len(torques) != 1:
         return columns
     (word,) = torques
     joint, rest = int(word[1]), [each for each in columns if each != word]
     table = read_table(path, _GROUPS, columns=rest, gaps=True)
-    beside = next((pair[2 - joint] for pair in _COMMANDS if pair and pair[joint - 1] in word), "0")
-    there = beside in table.values or beside in table.unread
-    return [*columns, f"u{3 - joint}={beside if there else '0'}"]
+    # The pair that the word is of first.
+    pairs = sorted(filter(None, _COMMANDS), key=lambda pair: pair[joint - 1] not in word)
+    there = [pair[2 - joint] for pair in pairs if pair[2 - joint] in {*table.values, *table.unread}]
+    others = suggest_columns([title for title in table.unread if title not in word], _COMMANDS[0])
+    if not there and any(each.startswith(f"u{3 - joint}=") for each in others):
+        return columns  # the reader asks for it
+    return [*columns, f"u{3 - joint}={there[0] if there else '0'}"]
 
 
 def _with_goals(path: str | Path, table: Table, columns: Sequence[str]) -> Recording | None:
@@ -238,6 +243,10 @@ def _clean(name: str, table: Table) -> tuple[np.ndarray, np.ndarray, list[str]]:
     steps = np.diff(time)
     period = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
     longest = longest_step(period) if period < MAXIMUM_PERIOD else 20 * period
+    if (idle := steps > max(LONGEST_PAUSE, 2 * longest)).any():
+        notes.append(f"the time jumps by {steps.max():.3g} s: read as a pause")
+        steps = np.clip(steps, -2 * longest, np.where(idle, 2 * longest, np.inf))
+        time = time[0] + np.append(0.0, np.cumsum(steps))
     keep, clock, restarts, spread = one_clock(time, longest, 2 * longest)
     if np.count_nonzero(~keep) > MAXIMUM_FAULTS * len(time):
         cells = np.nan_to_num(np.column_stack(list(table.values.values()))[rows])
@@ -321,8 +330,11 @@ def _fresh_rows(
     """False where a row repeats all measurements although the pendulum moves."""
     parts = [part for part in (q, _pair(values, _VELOCITIES), _pair(values, _MEASURED)) if part is not None]
     same = np.all([np.all(np.diff(part, axis=0) == 0, axis=1) for part in parts], axis=0)
-    # The mean speed over five rows to each side: one repeated row alone would show no speed.
-    speed = np.abs(slopes_of(time, q, reach=min(5, len(time) // 2)))
+    # The mean speed from five rows before the equal ones to five rows after: these alone would show none.
+    first, last = np.flatnonzero(np.append(True, ~same)), np.flatnonzero(np.append(~same, True))
+    before, after = np.maximum(first - 5, 0), np.minimum(last + 5, len(time) - 1)
+    speed = np.abs(q[after] - q[before]) / (time[after] - time[before])[:, None]
+    speed = np.repeat(speed, last - first + 1, axis=0)
     moved = speed[1:] * np.diff(time)[:, None] > REPEAT_MOTION * np.maximum(np.asarray(quantum), 1e-6)
     return np.concatenate([[True], ~(same & moved.any(axis=1))])
 

@@ -51,7 +51,7 @@ ROTOR_RANGE = (0.5, 2.5)
 FRICTION_RANGE = (0.4, 1.6)
 """Rotors' inertia and Coulomb friction, as multiples. Source: fits of one robot in several sessions."""
 MINIMUM_FRICTION = 0.02  # Coulomb friction may reach this part of gravity's torque where the plant has none
-DELAY_RANGE, LAG_RANGE = (0.001, 0.006), (0.001, 0.004)  # s. Source: fits of recordings.
+USUAL_LATENCY = {"delay": (0.001, 0.006), "lag": (0.001, 0.004)}  # s. Source: fits of recordings.
 
 LATE = 0.012  # delay and lag (s) that no motor's own loop has
 BOUND_SHARE = 1e-4  # part of the range between two bounds within which a value is at one of them
@@ -94,7 +94,7 @@ def read_solution(
     if TITLES["B"] in free:
         free.add(TITLES["A"])  # as A - B, also where the user knows A
     for session in range(len(unknowns.place)):
-        total, delay, lag = (name + _tail(session) for name in (DEAD_TIME, "delay", "lag"))
+        total, delay, lag = (name + session_tail(session) for name in (DEAD_TIME, "delay", "lag"))
         found[total], sampled[total] = found[delay] + found[lag], sampled[delay] + sampled[lag]
         # The draws let delay and lag exchange beyond their bounds (fit.py), but no lag is below 0.
         sampled[lag] = np.maximum(sampled[lag], 0.0)
@@ -118,11 +118,14 @@ def _places(sessions: int) -> dict[str, tuple[int, int]]:
     """Session and entry of each name: the plant's once, those of a session with its number."""
     places = {TITLES.get(name, name): (0, INDEX[name]) for name in (*BASE_NAMES, *SESSION_ENTRIES)}
     for session in range(1, sessions):
-        places |= {TITLES.get(name, name) + _tail(session): (session, INDEX[name]) for name in SESSION_ENTRIES}
+        places |= {
+            TITLES.get(name, name) + session_tail(session): (session, INDEX[name]) for name in SESSION_ENTRIES
+        }
     return places
 
 
-def _tail(session: int) -> str:
+def session_tail(session: int) -> str:
+    """What the names of a session's values end in."""
     return f" @{session + 1}" if session else ""
 
 
@@ -188,7 +191,7 @@ def _scale(problem: Problem) -> str:
     )
 
 
-def mass_notes(problem: Problem, model: Float[np.ndarray, "15"], recording: Recording) -> list[str]:
+def mass_notes(problem: Problem, model: Float[np.ndarray, "15"]) -> list[str]:
     """Masses that are far from the starting plant's, all by one factor where torques have another unit."""
     ratios = {name: float(model[INDEX[name]] / problem.start[INDEX[name]]) for name in MASSES[:4]}
     first, second = ratios["k"], ratios["m2r2"]
@@ -197,6 +200,7 @@ def mass_notes(problem: Problem, model: Float[np.ndarray, "15"], recording: Reco
     notable = unequal <= NOTABLE_FACTOR and not 1 / NOTABLE_FACTOR < factor < NOTABLE_FACTOR
     if notable and problem.driven and not problem.knows_mass:
         columns = replace(AS_IS, torques=np.eye(2) * float(f"{1 / factor:.3g}"))
+        recording = next(each for each in problem.recordings if any(each.driven))
         words = completed(remedy(recording, columns), recording.columns)
         return [
             f"all masses are about {factor:.2g} times the starting plant's: if that one is right, the torques are "
@@ -223,7 +227,7 @@ def bound_notes(unknowns: Unknowns, z: Float[np.ndarray, "unknowns"]) -> list[st
     places = [tuple(np.argwhere(unknowns.place == number)[0].tolist()) for number in at_bound]
     for reason, names in BOUND_REASONS.items():
         shown = [
-            f"{known.get(NAMES[entry], NAMES[entry])}{_tail(session)} = {models[session, entry]:.3g} of "
+            f"{known.get(NAMES[entry], NAMES[entry])}{session_tail(session)} = {models[session, entry]:.3g} of "
             f"{bounds[session, entry]:.3g}"
             for session, entry in places
             if NAMES[entry] in names
@@ -260,7 +264,7 @@ def prior_around(facts: Domain) -> Domain:
         ranges[f"cf{joint}"] = (min(low, high), max(low, high, MINIMUM_FRICTION * torque))
         damping = vector[INDEX[f"b{joint}"]]
         ranges[f"b{joint}"] = (min(damping, 0.0), max(3 * damping, 0.002 * torque))
-    loop = {"delay": DELAY_RANGE, "lag": LAG_RANGE, "offset1": (0.0, 0.0), "offset2": (0.0, 0.0)}
+    loop = {**USUAL_LATENCY, "offset1": (0.0, 0.0), "offset2": (0.0, 0.0)}
     wide = resolve(domain=domain_of(plant, ranges | loop, {}) | {"plant": plant})
     low, high = (mine._replace(plant=end.plant) for mine, end in ((facts.low, wide.low), (facts.high, wide.high)))
     names = (*wide.names, *(name for name in facts.names if name in VALUES))

@@ -32,7 +32,7 @@ from .prediction import (
 )
 from .recording import Recording
 from .segments import FIT_LENGTH, HISTORY, INTERVAL, REACH, Segments, cut_windows, join, smooth
-from .unknowns import LATENCY, Problem
+from .unknowns import LATENCY, MAXIMUM_LAG, Problem
 
 HORIZONS = (0.1, 0.25, 0.5)  # s
 LENGTH = max(HORIZONS)
@@ -84,12 +84,15 @@ def error_row(errors: Float[np.ndarray, "windows 4"]) -> ErrorRow:
     return ErrorRow(len(errors), float(means[0]), float(means[1]), float(medians[0]), float(medians[1]))
 
 
-def hold_out(everything: Segments, windows: Segments, sessions: Sequence[int]) -> tuple[Segments, Segments]:
+def hold_out(
+    everything: Segments, windows: Segments, sessions: Sequence[int], driven: Sequence[bool]
+) -> tuple[Segments, Segments]:
     """Held-out windows of the scoring, and the windows of a fit that share no time with them.
 
-    The sessions are those of the logs: the only log of one is not held out whole, since its loop is fitted to it.
+    Sessions and whether torques act are those of the logs: the only log of a session, or its only one with torques,
+    is not held out whole, since its loop is fitted to it.
     """
-    judged = everything.take(_held_out(everything, np.asarray(sessions)))
+    judged = everything.take(_held_out(everything, np.asarray(sessions), np.asarray(driven)))
     free = np.ones(len(windows), bool)
     for log in np.unique(judged.log):
         held, starts = judged.start[judged.log == log], windows.start[:, None]
@@ -99,9 +102,13 @@ def hold_out(everything: Segments, windows: Segments, sessions: Sequence[int]) -
     return judged, windows.take(free)
 
 
-def _held_out(windows: Segments, sessions: Int[np.ndarray, "logs"]) -> Bool[np.ndarray, "windows"]:
+def _held_out(
+    windows: Segments, sessions: Int[np.ndarray, "logs"], driven: Bool[np.ndarray, "logs"]
+) -> Bool[np.ndarray, "windows"]:
     logs, counts = np.unique(windows.log, return_counts=True)
-    shared = np.bincount(sessions[logs])[sessions[logs]] > 1 if len(logs) else np.zeros(0, bool)
+    alike = sessions[logs] == sessions[logs][:, None]
+    shared = np.sum(alike, axis=1) > 1
+    shared &= ~driven[logs] | (np.sum(alike & driven[logs], axis=1) > 1)
     if len(logs) >= WHOLE_LOGS and shared.any():
         logs, counts = logs[shared], counts[shared]
         # A log with few windows, such as a swing-up, may be the last: the one with the median number is held out.
@@ -182,8 +189,9 @@ def predict_log(recording: Recording, domain: Domain, name: str) -> OpenLoop:
     # Values of the domain are judged as they are. What it leaves open must not count as an error of the plant.
     said = {"lag", *domain.names} if "response" in domain.names else {*domain.names}
     known = {each: float(start[INDEX[each]]) for each in LATENCY if each in said}
-    if known.get("delay", 0.0) > (longest := HISTORY - LAG_MEMORY):
-        raise SwingupError(f"{name} has a delay of {known['delay']:g} s: a comparison takes up to {longest:g} s")
+    for each, longest in (("delay", HISTORY - LAG_MEMORY), ("lag", MAXIMUM_LAG)):
+        if known.get(each, 0.0) > longest:
+            raise SwingupError(f"{name} has a {each} of {known[each]:g} s: a comparison takes up to {longest:g} s")
     # Without torques nothing is late.
     fitted = tuple(each for each in LATENCY if each not in known) if any(recording.driven) else ()
     problem = Problem(setting, start, [recording], [0], known)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from .log_checks import MINIMUM_ROWS
 from .recording import Recording
@@ -130,17 +130,24 @@ def cut(
     minimum_speed: float = MINIMUM_SPEED,
 ) -> Segments:
     """Segments with these starts (s) that cross no gap and in which a joint is faster than ``minimum_speed``."""
-    gaps = np.flatnonzero(recording.gaps)
-    reach = max(REACH, 3.0 * recording.period)
-    for begin, end in zip(recording.time[gaps], recording.time[gaps + 1], strict=True):
-        # The smoother looks beyond both ends.
-        starts = starts[(end <= starts - reach) | (begin >= starts + layout.length + reach)]
+    starts = starts[clear_of_gaps(recording, starts, starts + layout.length)]
     # Speeds first: states and impulses are far more numbers, and most starts of a log at rest are left out.
     speeds = np.abs(_smoothed(recording, starts[:, None] + layout.speeds)[..., 2:]).max(axis=(1, 2), initial=0.0)
     starts = starts[speeds > minimum_speed]
     states = _smoothed(recording, starts[:, None] + layout.states)
     impulse = cumulative_torque(recording, starts[:, None] + layout.impulse - layout.history)
     return Segments(np.full(len(starts), log), starts, layout.states, states, impulse)
+
+
+def clear_of_gaps(
+    recording: Recording, begin: Float[np.ndarray, "spans"], end: Float[np.ndarray, "spans"]
+) -> Bool[np.ndarray, "spans"]:
+    """Whether spans of a log from ``begin`` to ``end`` (s), with what the smoother sees beyond, cross no gap."""
+    gaps, reach = np.flatnonzero(recording.gaps), max(REACH, 3.0 * recording.period)
+    clear = np.ones(len(begin), bool)
+    for left, right in zip(recording.time[gaps], recording.time[gaps + 1], strict=True):
+        clear &= (right <= begin - reach) | (left >= end + reach)
+    return clear
 
 
 def join(parts: Sequence[Segments]) -> Segments:

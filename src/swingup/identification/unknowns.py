@@ -29,8 +29,9 @@ KNOWN_NAMES = {
 }  # fmt: skip
 """The model's entries by the names of ``--known``."""
 LATENCY = ("delay", "lag")
-MINIMUM_DELAY, MAXIMUM_DELAY, MAXIMUM_LAG = -0.015, 0.025, 0.015
-"""Bounds of the fit (s). A delay below 0 is possible for measured torques alone, which are late themselves."""
+MINIMUM_DELAY, MAXIMUM_DELAY, MAXIMUM_LAG = -0.015, 0.025, 0.008
+"""Bounds of the fit (s). A delay below 0 is possible for measured torques alone, which are late themselves. The
+model's memory (:data:`~.prediction.LAG_MEMORY`) would cut a longer lag."""
 
 
 class Expectation(NamedTuple):
@@ -146,8 +147,17 @@ class Problem:
 
     @property
     def knows_mass(self) -> bool:
-        """Whether the user knows a mass: then it fixes the scale, and the torque gain is free."""
-        return any(self.known.get(name) for name in MASSES)  # a rotor's inertia of 0 fixes no scale
+        """Whether the user knows a mass: then it fixes the scale, and the torque gain is free.
+
+        A rotor's inertia is a small part of the motion: it fixes the scale where no torques do, if it is not 0.
+        """
+        return any(self.known.get(name) for name in (MASSES[:4] if self.driven else MASSES))
+
+    @property
+    def unit_session(self) -> int:
+        """The first session with torques, whose gain is the unit of all masses; 0 without torques."""
+        pairs = zip(self.recordings, self.sessions, strict=True)
+        return min((session for log, session in pairs if any(log.driven)), default=0)
 
     def unknowns(self, plant: bool) -> Unknowns:
         """All unknowns, or those of the loop alone; what is neither free nor known has the start's value."""
@@ -177,8 +187,7 @@ class Problem:
             return [*loop]
         # Without torques, one base parameter stands for the common factor of all.
         base = [name for name in BASE_NAMES if session == 0 and (name != "k" or self.has_scale)]
-        # The first session's gain is the unit of all masses, unless a known mass is.
-        gain = driven and (session > 0 or self.knows_mass)
+        gain = driven and (session != self.unit_session or self.knows_mass)
         return [*base, "offset1", "offset2", *(["gain1"] if gain else []), *loop]
 
 

@@ -175,7 +175,8 @@ def _complete_link(facts: dict[str, float], link: int, measured: Mapping[str, fl
         facts[I] = mass * length**2 * ((4 * share - 1) / 3 if share > 0.5 else 2 / 3 * share)
         end = "" if share == 0.5 else f" with a mass at its {'tip' if share > 0.5 else 'joint'}"
         notes.append(f"assumed: {I} = {facts[I]:.4g} kg m² of a uniform rod{end}")
-    elif assumed:
+        return notes
+    if assumed:
         notes.append(f"assumed: {r} = {centre:g} m, the middle of link {link}")
     return notes
 
