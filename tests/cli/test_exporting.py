@@ -141,6 +141,7 @@ def test_a_policy_of_another_task(run, tmp_path, capsys):
         ("realaigym --out other", "form realaigym is not for 'discrete': use numpy"),
         ("onnx --out other --precision single", "--precision single goes with --to c"),
         ("c --out other --braking 0.1", "--braking is of pendulums, and best.safetensors of 'discrete'"),
+        ("c --out other --no-guard", "--no-guard is of pendulums"),
         ("c --out other --robot acrobot", "is of 'discrete', not of a pendulum"),
         ("c --out other --estimator", "--estimator goes with a baseline's controller: leave it out"),
     ):

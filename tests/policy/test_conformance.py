@@ -293,6 +293,20 @@ def test_graphs_take_batches_of_any_size(made):
     assert found.alone(states[:0]).shape == (0,)
 
 
+@pytest.mark.parametrize("back_end", ["numpy", "c"])
+def test_a_loop_may_call_twice_at_one_time(made, back_end):
+    found, (times, states, _) = made(back_end, ESTIMATED[0]), numpy_run(ESTIMATED[0])
+    once, twice = found.run(times, states), found.run(np.repeat(times, 2), np.repeat(states, 2, axis=0))
+    for calls in (twice[::2], twice[1::2]):
+        np.testing.assert_array_equal(calls, once)
+    # A clock that never moves holds no torque for ever.
+    still = found.run(0 * times[:30], states[200:230])[:, policy(ESTIMATED[0]).robot.joint]
+    assert np.ptp(still[:11]) == 0 < np.ptp(still[10:])
+    # What a spoilt sample gave is not kept.
+    spoilt = found.run([0.0, 0.001, 0.002], [np.full(4, np.nan), states[0], states[0]])
+    assert np.isfinite(spoilt[1:]).all()
+
+
 BINARY = 2.0**-9
 """A period near 2 ms (s). It has few digits: times with and without the shift differ by it to the last bit."""
 

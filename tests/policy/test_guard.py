@@ -251,6 +251,14 @@ def test_who_has_a_guard():
     scaled = GuardSettings(dt=0.005, longest_gap=0.05, stuck_time=0.5)
     assert choose_guard(True, None, behind.period) == scaled
     assert choose_guard(True, None, DT) == choose_guard(True, None, plain.period) == GuardSettings()
+    # A mapping changes some settings of the guard that is there.
+    own = dataclasses.replace(scaled, velocity_limit=9.0)
+    assert choose_guard({"braking": 0.1}, own, None) == dataclasses.replace(own, braking=0.1)
+    assert choose_guard({"braking": 0.1}, None, 0.06).longest_gap == 0.6
+    # The period that is watched is that of the estimator that is there.
+    for estimated, file in ((True, plain), (False, behind)):
+        watch = numpy_controller(file, estimated, guard=True).guard._watch
+        assert watch._period == (DT if estimated else None)
     # Without times, RealAIGym's calls are counted by the same period.
     counted, timed = (RealAIGymController(numpy_controller(behind)) for _ in range(2))
     for step in range(5):

@@ -132,6 +132,14 @@ def test_a_pendulums_policy_is_one_too():
     assert np.all(np.abs(shares) <= 1.0)
 
 
+def test_whole_numbers_are_not_rounded():
+    pixels = box((2,), 0, 255, "uint8")
+    np.testing.assert_array_equal(pixels.batch([3.0, 255])[0], [[3, 255]])
+    for value in (0.73, -1, 300):
+        with pytest.raises(SwingupError, match=rf"holds {value}, which is no uint8"):
+            pixels.batch([value, 0])
+
+
 def test_what_predict_refuses(tmp_path):
     observations, actions, *_ = TASKS["unequal bounds"]
     policy, seen = untrained("unequal bounds")

@@ -179,6 +179,14 @@ FAULTS = {
 }
 
 
+def test_what_a_foreign_controller_has_under_the_guards_names_is_no_fault(tmp_path):
+    folder = write_folder(tmp_path / "fake", body="self.fault = self.guard = False; return [0.0, 0.5]")
+    with start(folder) as process:
+        process.send(1.0, np.arange(4.0))
+        assert process.receive()[0].tolist() == [0.0, 0.5]
+        assert process.stop() is None
+
+
 def test_a_bad_call_or_import_is_one_line(tmp_path):
     for message, parts in FAULTS.items():
         assert refusal(call, write_folder(tmp_path / "fake", **parts)).startswith(message)

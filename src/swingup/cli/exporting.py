@@ -153,7 +153,8 @@ def export_command(
         found = dataclasses.replace(found, plant=validated(found.plant.changed(**zeros)))
         found = dataclasses.replace(found, guard=choose_export_guard(found, to, guard, changes))
     else:
-        refuse_ignored(zeros | changes, f"is of pendulums, and {policy} of {quoted(found.task)}")
+        of_pendulums = {**zeros, **changes, "no-guard": not guard}
+        refuse_ignored(of_pendulums, f"is of pendulums, and {policy} of {quoted(found.task)}")
     write_export(found, to, out, name, username, precision)
 
 
@@ -238,12 +239,13 @@ def choose_export_guard(
 ) -> GuardSettings | None:
     """The policy file's guard, or that of the robot that a form is for, with what the user changed of it."""
     own = policy.guard or (cloudpendulum_guard(policy.period) if to == "cloudpendulum" else None)
-    guard = None if to == "onnx" else choose_guard(wanted, own, policy.period, policy.plant)
     given: dict[str, Any] = {name: value for name, value in changes.items() if value is not None}
-    if given and guard is None:
+    if wanted and to != "onnx":
+        return choose_guard(given or True, own, policy.period, policy.plant)
+    if given:
         flag = next(iter(given)).replace("_", "-")
         raise SwingupError(f"--{flag} is a setting of the safety guard: leave --no-guard out; onnx has no guard")
-    return guard and dataclasses.replace(guard, **given)
+    return None
 
 
 def rehearse_command(

@@ -292,7 +292,8 @@ def _by_keywords(call: Callable[..., Any]) -> TorqueFunction:
 class CompiledSource:
     """The torques of a controller, compiled when it is made and not in the loop."""
 
-    min_pause = 0.0  # The controller acts at each call (s)
+    min_pause: float = 0.0  # The controller acts at each call (s)
+    period: float | None = None
 
     def __init__(self, controller: AbstractController[Any]) -> None:
         """Compile one call in double precision, as the judge runs it."""

@@ -159,6 +159,7 @@ def plant_data(policy: RobotPolicy) -> Data:
         "STEEPNESS": COULOMB_STEEPNESS,
         "theta": base_parameters(plant),
         "limits": np.array(policy.torque_limits),
+        "MAX_STANDSTILLS": MAX_STANDSTILLS,
         "zeros": np.array(policy.plant.zeros),
     }
 
@@ -188,7 +189,7 @@ def pendulum_data(policy: PendulumPolicy) -> Data:
     # At most one of each, in this order.
     if not isinstance(angles, PendulumStage) or kinds != [k for k in (NormaliseStage, PlantStage) if k in kinds]:
         names = ", ".join(type(stage).__name__ for stage in network.stages)
-        raise SwingupError(f"a header cannot have the observation stages {names}: export to NumPy")
+        raise SwingupError(f"a header cannot have the observation stages {names}: use --to realaigym")
     data: Data = {
         "TORQUE_LIMIT": policy.torque_limit,
         "WRAPPED": int(angles.angles == "wrapped"),
@@ -268,7 +269,6 @@ def guard_data(settings: GuardSettings, policy: RobotPolicy) -> Data:
     return {
         **{f"GUARD_{name.upper()}": value for name, value in asdict(settings).items()},
         "GUARD_TORQUE_RATE": settings.rate(policy.torque_limits[policy.robot.joint]),
-        "MAX_STANDSTILLS": MAX_STANDSTILLS,
         "PUSHING_SHARE": PUSHING_SHARE,
         "MAX_JUMP": MAX_JUMP,
         "JUMP_RATE": JUMP_RATIO * settings.velocity_limit,

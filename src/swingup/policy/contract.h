@@ -120,7 +120,7 @@ static inline int swingup_ask(swingup_controller *c, swingup_time t, const doubl
     double shown[4] = {x[0], x[1], x[2], x[3]}; /* the same in SI units */
 
 #if SWINGUP_HAS_ESTIMATOR
-    if (swingup_early(&c->estimator, t)) {
+    if (swingup_early(&c->estimator, t) && swingup_finite(c->asked, 2)) {
         swingup_copy(u, c->asked, 2);
         return 0;
     }

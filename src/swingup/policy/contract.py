@@ -19,7 +19,7 @@ torques u = [u1, u2] (N m) of shoulder and elbow.
 - Behind a safety guard no torque is ever NaN: the guard holds the last ones in a short gap, and then stops the
   controller (``policy/guard.py``).
 - Behind an estimator a call that comes sooner than 0.6 of its period after the last one keeps the torques, in C and
-  NumPy: a loop of 1 kHz runs as one of 500 Hz.
+  NumPy, unless they are NaN: a loop of 1 kHz runs as one of 500 Hz, and so does one that calls twice at one time.
 - ``reset()`` forgets the run: what follows repeats the first run bit for bit.
 
 ``tests/policy/test_conformance.py`` holds every back end to it, ``tests/policy/test_guard.py`` the guards in NumPy
@@ -35,7 +35,7 @@ import numpy as np
 
 from ..common.errors import SwingupError, quoted
 from ..plant.plant import Plant, Robot
-from .guard import Fault, Guard, GuardChoice, GuardSettings, choose_guard
+from .guard import MAX_STANDSTILLS, Fault, Guard, GuardChoice, GuardSettings, choose_guard
 from .wiring import WiringWatch
 
 
@@ -54,6 +54,7 @@ class TorqueSource(Protocol):
     """What computes torques for a loop, and knows nothing of limits and guards."""
 
     min_pause: float  # A call that comes sooner after the last one (s) keeps the torques
+    period: float | None  # Time between calls that it expects (s); None for any
 
     def reset(self) -> None:
         """Forget the run so far."""
@@ -88,7 +89,7 @@ class LoopController(Generic[SourceT]):
         self.guard = None if guard is None else Guard(guard, robot.joint, limits, watch)
         self._limits, self._zeros = np.array(limits), np.array([*zeros, 0.0, 0.0])
         self._passive = 1 - robot.joint
-        self._own, self._acted = np.zeros(2), -math.inf
+        self._own, self._acted, self._standstills = np.zeros(2), -math.inf, 0
 
     @property
     def fault(self) -> Fault | None:
@@ -122,7 +123,10 @@ class LoopController(Generic[SourceT]):
         seen = x if measured is None else measured - self._zeros
         if self.guard is not None and not self.guard.accepts_measurement(t, seen):
             return self.guard.stop_torques()
-        keeps_torques = self._acted < t < self._acted + self.inner.min_pause
+        # A clock that never moves must not hold a torque, nor an early call what a spoilt sample gave.
+        self._standstills = self._standstills + 1 if t == self._acted else 0
+        early = self._acted <= t < self._acted + self.inner.min_pause and self._standstills <= MAX_STANDSTILLS
+        keeps_torques = early and bool(np.isfinite(self._own).all())
         if not keeps_torques:
             self._own, self._acted = self.inner.act(x, t), t
         asked = self._own if added is None else self._own + added
@@ -151,13 +155,11 @@ class LoopPolicy(Protocol):
     @property
     def guard(self) -> GuardSettings | None: ...  # noqa: D102
     @property
-    def period(self) -> float | None: ...  # noqa: D102
-    @property
     def torque_limits(self) -> tuple[float, float]: ...  # noqa: D102
 
 
 def guarded(source: SourceT, policy: LoopPolicy, guard: GuardChoice) -> LoopController[SourceT]:
     """A policy's controller from what computes its torques, behind the guard that the caller chose."""
-    settings, joint = choose_guard(guard, policy.guard, policy.period, policy.plant), policy.robot.joint
-    watch = WiringWatch(policy.plant, joint, policy.torque_limits[joint], policy.period) if settings else None
+    settings, joint = choose_guard(guard, policy.guard, source.period, policy.plant), policy.robot.joint
+    watch = WiringWatch(policy.plant, joint, policy.torque_limits[joint], source.period) if settings else None
     return LoopController(source, policy.robot, policy.torque_limits, settings, watch, policy.plant.zeros)

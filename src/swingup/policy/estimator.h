@@ -11,6 +11,7 @@
 #if SWINGUP_HAS_ESTIMATOR
 typedef struct {
     int called;                           /* 0 before the first call */
+    int standstills;                      /* calls in a row at its time */
     int delay_steps;                      /* the delay found (steps) */
     swingup_time time;                    /* of the last call (s) */
     double sample[4];                     /* the last measurement that was finite */
@@ -128,11 +129,16 @@ static inline void swingup_ahead(const swingup_estimator *c, const swingup_plant
 }
 
 /* Whether a call at time t (s) comes so soon after the last one that the torques before are kept. */
-static inline int swingup_early(const swingup_estimator *c, swingup_time t)
+static inline int swingup_early(swingup_estimator *c, swingup_time t)
 {
     const double now = (double)t;
-    return c->called && swingup_finite(&now, 1) && t > c->time
-           && t < c->time + (swingup_time)(SWINGUP_MIN_STEP * SWINGUP_TIME_UNIT);
+    if (!c->called || !swingup_finite(&now, 1)) {
+        return 0;
+    }
+    /* A clock that never moves must not hold a torque. */
+    c->standstills = t == c->time ? c->standstills + 1 : 0;
+    return t >= c->time && t < c->time + (swingup_time)(SWINGUP_MIN_STEP * SWINGUP_TIME_UNIT)
+           && c->standstills <= SWINGUP_MAX_STANDSTILLS;
 }
 
 /* Whether a state measured h (s) after the last one shows nothing new, for no longer than can be borne. */
@@ -153,7 +159,8 @@ static inline void swingup_observe(swingup_estimator *c, swingup_time t, const d
 {
     const double now = (double)t, before = (double)c->time;
     const int timed = swingup_finite(&now, 1) && swingup_finite(&before, 1);
-    const double pause = timed ? (double)(t - c->time) / SWINGUP_TIME_UNIT : -1.0, h = pause > 0.0 ? pause : SWINGUP_DT;
+    const double pause = timed && c->called ? (double)(t - c->time) / SWINGUP_TIME_UNIT : -1.0;
+    const double h = pause > 0.0 ? pause : SWINGUP_DT;
     const int late = !c->called || !(pause >= 0.0 && pause <= SWINGUP_MAX_STEP);
     const int bridges = swingup_bridges(c, measured, h);
 #if SWINGUP_HAS_IDENTIFIER

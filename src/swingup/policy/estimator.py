@@ -201,7 +201,7 @@ def observe(
     finite, (q1, q2, v1, v2), last = ops.finite(x), ops.numbers(x), ops.numbers(state.sample)
     # A pendulum at rest may repeat its digits, a moving one with a noisy sensor does not.
     repeats = (q1 == last[0]) & (q2 == last[1]) & (v1 == last[2]) & (v2 == last[3]) & ((v1 != 0) | (v2 != 0))
-    gap = state.gap + dt
+    gap = state.gap + ops.where((pause > 0) & (pause < math.inf), pause, period)
     gap = ops.where(finite, ops.where(repeats, gap, 0.0), gap)
     bridges = (gap > 0) & (gap <= constants.settings.longest_gap) & (pause < math.inf)
     sample = ops.where(finite, x, state.sample)

@@ -32,14 +32,14 @@ for good at the first call with another fault (1 to 6): nothing brakes by a brok
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Annotated, Any, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 
 from ..common.errors import SwingupError
-from ..common.settings import Range, Settings, read_settings
+from ..common.settings import Range, Settings, read_values
 from ..plant.plant import LEADERBOARD, Plant
 from ..plant.units import DAMPING, TORQUE_RATE, VELOCITY, scaled, scales_of
 from .wiring import WiringWatch, turned
@@ -173,7 +173,7 @@ class GuardSettings(Settings):
 
 GuardChoice: TypeAlias = bool | GuardSettings | Mapping[str, Any] | None
 """A guard as callers choose it: where the policy file has one (None), never (False), always (True: with the file's
-settings, or the defaults), or always with settings of the caller."""
+settings, or the defaults), or always with settings of the caller: all of them, or those that a mapping changes."""
 
 
 def default_guard(dt: float | None = None) -> GuardSettings:
@@ -195,12 +195,9 @@ def choose_guard(
         return own if choice is None else None
     if isinstance(choice, GuardSettings):
         return choice
+    found = own or scaled(default_guard(dt), scales_of(plant))
     # A caller's mapping is read as a file's entry is, with the same errors.
-    return (
-        own or scaled(default_guard(dt), scales_of(plant))
-        if choice is True
-        else read_settings({GuardSettings.PART: choice}, GuardSettings)
-    )
+    return found if choice is True else replace(found, **read_values(choice, GuardSettings.PART, GuardSettings))
 
 
 class Guard:

@@ -114,7 +114,7 @@ class EstimatedSource:
         self._state_units, self._base_units = np.array(scales.state), np.array(scales.base)
         self._torque_unit, self._joint = scales.of(TORQUE), joint
         self.constants: EstimatorConstants | None = None
-        self.min_pause = 0.0
+        self.min_pause, self.period = 0.0, None if settings is None else settings.dt
         if settings is not None:
             self.constants = estimator_constants(settings, plant, joint, identifier)
             self.min_pause = MIN_STEP * settings.dt

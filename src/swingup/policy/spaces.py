@@ -60,10 +60,10 @@ class Space:
     def batch(self, values: Any) -> tuple[np.ndarray, bool]:
         """One observation, or several along a leading axis, as rows (b, n); true if it was one.
 
-        They are rounded to the space's type first, as in training.
+        They are rounded to the space's type first, as in training; a whole number's has to have them already.
 
         Raises:
-            SwingupError: they are not finite numbers, or have another shape.
+            SwingupError: they are not numbers of that type, not finite, or have another shape.
         """
         try:
             given = np.asarray(values)
@@ -80,6 +80,10 @@ class Space:
             )
         if not (finite := np.isfinite(given) & np.isfinite(found)).all():
             raise SwingupError(f"observation holds {given[~finite][0]}: pass finite numbers")
+        if found.dtype.kind != "f" and (other := found != given).any():
+            raise SwingupError(
+                f"observation holds {given[other][0]}, which is no {self.dtype}: scale it as in training"
+            )
         return found.reshape(1 if single else len(found), self.size), single
 
 

@@ -76,15 +76,18 @@ class Entry:
 
     def facts(self) -> dict[str, Any]:
         """What the controller says about itself, and what it imported."""
-        robot, fault = getattr(self.controller, "robot", None), getattr(self.controller, "fault", None)
-        guard = getattr(self.controller, "guard", None)
+        robot, fault = (getattr(self.controller, name, None) for name in ("robot", "fault"))
+        stopped = getattr(fault, "time", None)
+        guard = getattr(self.controller, "guard", None) or None
         settings = getattr(guard, "settings", None)
         limits = {"angle": "angle_limit", "speed": "velocity_limit"}
+        # A foreign controller may have something else under these names.
+        known = all(hasattr(settings, where) for where in limits.values())
         return {
             "robot": getattr(robot, "name", robot),
             "guard": guard is not None,
-            "limits": settings and {name: float(getattr(settings, where)) for name, where in limits.items()},
-            "stopped": None if fault is None else {"time": float(fault.time), "why": str(fault)},
+            "limits": {name: float(getattr(settings, where)) for name, where in limits.items()} if known else None,
+            "stopped": None if stopped is None else {"time": float(stopped), "why": str(fault)},
             "packages": _packages(),
         }
 
