@@ -276,7 +276,7 @@ def use_domain(path):
     """A domain that is accepted draws plants, or refuses them."""
     domain = resolve(domain=path)
     assert domain.depth < 100_000
-    assert domain.substeps < 10_000
+    assert domain.substeps <= 10_000
     assert domain.effects
 
 

@@ -11,6 +11,7 @@ import pytest
 from scipy.special import ellipk
 
 from identification.synthetic import step as implicit_step
+from refusals import refusal
 from swingup.dynamics import dynamics, integrate
 from swingup.dynamics.dynamics import UPRIGHT, mass_matrix, wrap, wrap_difference
 from swingup.dynamics.integrate import friction_rate, rk4_step, rk4_steps, stable_substeps
@@ -239,6 +240,8 @@ def test_friction_rate_is_the_largest_eigenvalue(name):
 def test_halved_steps_agree_where_single_ones_do_not():
     """A joint that rests under a small torque: one step of RK4 rings about rest, stable ones stay."""
     plant = small_link()
+    stiff = dataclasses.replace(plant, name="stiff", b2=1e9)
+    assert refusal(stable_substeps, stiff, 0.002).startswith("stiff: friction would stop its joints within")
     number = stable_substeps(plant, 0.002)
     assert number >= 2
 

@@ -8,6 +8,7 @@ import math
 
 import jax
 
+from ..common.errors import SwingupError, one_line
 from ..common.types import Scalar, State, Torque
 from ..plant.equations import COULOMB_STEEPNESS, Friction, Lumped, Number, Pair, StateFloats, gravity, mass_entries
 from ..plant.plant import Plant, lump
@@ -16,6 +17,8 @@ from .trigonometry import arctan, sine_cosine
 
 LARGEST_STIFFNESS = 2.5
 """Largest λ dt of one step of RK4, which diverges above 2.79; C.1 as identified has 2.26 at 2 ms."""
+
+MOST_SUBSTEPS = 10_000  # A plant that needs more is no pendulum, and would run for hours
 
 NEWTON_STEPS = 4
 """From rest; each squares the error once it is near. No residual is checked.
@@ -43,8 +46,18 @@ def friction_rate(parameters: Plant) -> float:
 
 
 def stable_substeps(parameters: Plant, dt: float) -> int:
-    """Steps of RK4 in which dt (s) has to be taken, so that friction near rest stays stable: 1 without friction."""
-    return max(1, math.ceil(friction_rate(parameters) * dt / LARGEST_STIFFNESS))
+    """Steps of RK4 in which dt (s) has to be taken, so that friction near rest stays stable: 1 without friction.
+
+    Raises:
+        SwingupError: they are more than ``MOST_SUBSTEPS``.
+    """
+    rate = friction_rate(parameters)
+    if not rate * dt / LARGEST_STIFFNESS <= MOST_SUBSTEPS:
+        raise SwingupError(
+            f"{one_line(parameters.name)}: friction would stop its joints within {1 / rate:.1g} s, too fast to "
+            "simulate: check b1, b2 (N m s/rad), cf1, cf2 (N m) and the inertias"
+        )
+    return max(1, math.ceil(rate * dt / LARGEST_STIFFNESS))
 
 
 def rk4_steps(parameters: Plant, x: State, u: Torque, dt: float | Scalar, number: int) -> State:
