@@ -11,7 +11,7 @@ import pytest
 from swingup import BOARDS, get_controller, judge, load_plant, score
 from swingup.benchmark.board import Case, Setting
 from swingup.benchmark.boards import IROS_REAL, SIM2REAL
-from swingup.benchmark.recording import recorded, turned
+from swingup.benchmark.recording import recorded, save_trajectory
 from swingup.benchmark.rollout import Record, Scenario, Trajectory
 from swingup.benchmark.swing_up_board import realai_score
 from swingup.benchmark.values import interquartile_interval, interquartile_mean, share_interval
@@ -67,6 +67,8 @@ def test_a_trial_agrees_with_a_numpy_loop(robot):
     limited = score(recording, robot, BRIEF)
     beyond = (np.abs(x) > [4 * math.pi, 4 * math.pi, 20, 20]).any(axis=1)
     assert (limited.score, limited.runs[0].stop) == (0.0, time[np.argmax(beyond)])
+    shorter = dataclasses.replace(BRIEF, duration=time[np.argmax(beyond)])
+    assert score(recording, robot, shorter).runs[0].stop is None
     assert 0.2 < found.score == found.values["best"] < 1
     assert (found.successes, found.runs[0].stop) == (1, None)
     # Calm, the trial goes otherwise: the pushes act.
@@ -168,7 +170,7 @@ def test_a_pendulum_without_motors_fails_and_seeds_differ(either_robot):
     assert speeds[0] != speeds[1] == pytest.approx(second.runs[0].speed, rel=1e-9)
 
 
-def test_limits_and_records_do_not_see_the_encoders_zeros():
+def test_limits_and_records_do_not_see_the_encoders_zeros(tmp_path):
     around, plant = FRICTION.content, FRICTION.plant.changed(zero1=3.1, zero2=-0.7)
     turned_about = resolve(domain=around | {"zero1": 3.1, "zero2": -0.7, "design": "leaderboard"})
     rules = dataclasses.replace(BRIEF, limits=Limits(angle=3.0, speed=1e3))
@@ -178,11 +180,13 @@ def test_limits_and_records_do_not_see_the_encoders_zeros():
     )
     assert plain.runs[0].stop == found.runs[0].stop is not None
     np.testing.assert_allclose(found.trajectory.x, plain.trajectory.x, atol=1e-7)
-    # So do recordings of such a robot, which show its encoders' angles.
-    shown = turned(plain.trajectory, plant.zeros)
-    assert (
-        score(shown, "acrobot", "uptime", plant=plant).score == score(plain.trajectory, "acrobot", "uptime").score
+    # A file shows what the encoders do, and is read so.
+    save_trajectory(tmp_path / "run.csv", plain.trajectory, plant.zeros)
+    read, expected = (
+        score(each, "acrobot", "uptime", plant=plant) for each in (tmp_path / "run.csv", plain.trajectory)
     )
+    np.testing.assert_allclose(read.trajectory.x, plain.trajectory.x, atol=1e-12)
+    assert read.score == expected.score
 
 
 def test_a_fast_loop_runs_as_long_as_a_slow_one():
@@ -206,6 +210,11 @@ def test_spoilt_samples_reach_controllers_of_both_kinds():
     np.testing.assert_allclose(first.trajectory.x, second.trajectory.x, atol=1e-9)
     assert len(first.trajectory.time) == 200
     assert 0 < asked.count(False) < 40
+    # A robot's record lacks them, also among its first rows, and goes on.
+    whole = judge(Memoryless(held), "acrobot", BRIEF, 1, domain=resolve(domain=ROBOT | {"spoilt": 0.5}))
+    assert whole.trajectory.time[-1] > 0.9 * BRIEF.duration
+    assert len(whole.trajectory.time) == pytest.approx(500, abs=80)
+    assert np.isfinite(whole.trajectory.x).all()
 
 
 @pytest.mark.slow

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup import judge, score
+from swingup import BOARDS, judge, score
+from swingup.benchmark import uptime_board
 from swingup.benchmark.board import Setting
 from swingup.benchmark.boards import ICRA_REAL, UPTIME
 from swingup.benchmark.plausibility import examine
@@ -15,7 +16,7 @@ from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.uptime_board import draw_resets, draw_throws
 from swingup.loop.resolve import resolve
 from swingup.loop.starts import TURNS, thrown_states
-from swingup.loop.supervisors import Limits
+from swingup.loop.supervisors import Disturbances, Limits
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD, get_robot
 
@@ -53,6 +54,17 @@ def test_a_controller_that_drives_the_passive_joint_is_told_apart(robot, torque,
     found = judge(Memoryless(lambda t, x: torque * jnp.cos(t) * jnp.ones(2)), robot, BRIEF, 1)
     assert np.abs(found.trajectory.u).max() == 6.0  # of the throws
     assert [each.partition(":")[0] for each in found.warnings] == warned
+
+
+def test_a_cells_kicks_are_not_the_controllers(monkeypatch):
+    """Kicks of the shoulder come at once; the controller leaves it alone."""
+    monkeypatch.setattr(uptime_board, "example_disturbances", lambda random: Disturbances(KICKED, np.ones(3), ONCE))
+    found = judge(HANGING, "acrobot", dataclasses.replace(BOARDS["cloudpendulum"], duration=1.0), 1)
+    assert np.abs(found.trajectory.u[:, 0]).max() > 0.05
+    assert found.warnings == ()
+
+
+KICKED, ONCE = np.full((3, 2), np.nan), np.ones(3, bool)
 
 
 def test_another_pendulum_is_thrown_in_its_own_units(similar):

@@ -137,9 +137,9 @@ def test_adapt_goes_from_a_domain_to_a_judged_policy_and_a_page(tmp_path, monkey
     successes = [int(number) for _, number in judged]
     worse = [number <= max(successes[:stage], default=-1) for stage, number in enumerate(successes)]
     assert out.count("mine.safetensors has the one before") == sum(worse)
-    assert "mine.safetensors (board sim2real, domain identified, seed 20000 to 20001)" in out
+    assert "mine.safetensors (board sim2real, domain mine-adapt.yml, seed 20000 to 20001)" in out
     assert re.search(r"Success +(\d) of 2", out)[1] == "2" or not shipped
-    assert "swingup evaluate acrobot --board=sim2real --controller=mine.safetensors --domain=identified" in out
+    assert "swingup evaluate acrobot --board=sim2real --controller=mine.safetensors --domain=mine-adapt.yml" in out
     policy = load_policy("mine.safetensors", "acrobot")
     assert (policy.parts, policy.identifier.passive_limit) == (("estimator", "identifier", "regulator"), 0.5)
     assert "Draws that training did not see" in (tmp_path / "mine.html").read_text(encoding="utf-8")

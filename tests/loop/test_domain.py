@@ -124,7 +124,8 @@ def test_a_guess_is_drawn_around():
     assert low.loop.passive_limit == pytest.approx(0.5)
     assert resolve(domain="recorded", share=0.1) == resolve(domain="recorded")
     # A domain that knows its plant is a guess as well.
-    exact, alone = (resolve(domain="session-acrobot", share=share) for share in (None, 0.1))
+    exact = resolve(domain="session-acrobot")
+    alone = resolve(exact, share=0.1)
     assert (alone.low.plant.m1, alone.low.loop) == (0.9 * exact.plant.m1, exact.low.loop)
 
 

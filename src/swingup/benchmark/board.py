@@ -205,7 +205,8 @@ class Result:
     runs: tuple[Run, ...]
     """Every simulation."""
     trajectory: Trajectory | None = field(repr=False)
-    """Rows of the first run, as the robot records them where one is simulated; None on boards that keep none."""
+    """Rows of the first run, as the robot records them where one is simulated, less the encoders' zeros; None on
+    boards that keep none."""
     plant: Plant
     """The plant of all runs, or the one that the domain starts from."""
     seeds: tuple[int, ...] = ()

@@ -23,7 +23,7 @@ from .board import AbstractBoard, Case, Result, Run, Setting
 from .boards import BOARDS, get_board
 from .disturbances import DisturbanceSettings
 from .plausibility import MAX_COMPENSATION, TORQUE_ERROR, examine, possible_runs
-from .recording import load_trajectory, recorded, scorable_rows, stopped, turned
+from .recording import load_trajectory, recorded, scorable_rows, stopped
 from .rollout import Scenario, SimulatedBatch, Trajectory
 from .runner import Progress, prepare, run_many, stack
 from .swing_up_board import SwingUpBoard
@@ -92,7 +92,7 @@ def judge(
         with naming(f"controller {name!r}"):
             scenarios, depth = stack([case.scenario for case in cases]), _depth(setting, cases)
             batch = run_many(controller, scenarios, board.dt, steps, depth, board.keeps_rows, report_progress)
-        took, passive = took or batch.call_time, max(passive, _passive_torque(batch, setting.robot))
+        took, passive = took or batch.call_time, max(passive, _passive_torque(batch, setting.robot, board))
         for index, (case, fault) in enumerate(zip(cases, batch.faults, strict=True)):
             rows, stop = _counted(batch, index, board)
             runs.append(board.score(case, rows, fault, stop))
@@ -123,10 +123,10 @@ def score(
 
     Times count from 0, or from the first row where that is earlier. A span below 99 % of the duration is no
     success; in an uptime the missing time counts as down. Where the robot stops beyond limits, so does the scoring.
-    Angles are the encoders': the plant's zeros are subtracted. What cannot be the plant's physics gets no score.
+    What cannot be the physics of the plant gets no score.
 
     Args:
-        trajectory: NumPy arrays in float64, or a recording's file.
+        trajectory: NumPy arrays in float64, or a recording's file, whose angles are those of the plant's encoders.
         robot: which joint is driven.
         board: a board that scores rows, or its name.
         name: name of the recording in the result.
@@ -138,8 +138,6 @@ def score(
             fewer than 3 rows, rows of other shapes, values that are not finite, or times that do not increase or
             start far from 0; or a score above 0 is not that of the plant's physics on the board.
     """
-    if isinstance(trajectory, str | Path):
-        trajectory = load_trajectory(trajectory)
     board, robot = get_board(board), get_robot(robot)
     if not board.keeps_rows:
         others = ", ".join(each.name for each in BOARDS.values() if each.keeps_rows)
@@ -148,16 +146,20 @@ def score(
         found = resolve(domain=board.domain).design
     else:
         found = resolve(LEADERBOARD if plant is None else plant).facts
-    rows, setting = turned(scorable_rows(trajectory), -np.array(found.zeros)), Setting(robot, found)
+    if isinstance(trajectory, str | Path):
+        trajectory = load_trajectory(trajectory, zeros=found.zeros)
+    rows, setting = scorable_rows(trajectory), Setting(robot, found)
     case, judge_of = Case(Scenario(setting.nominal)), board.on(setting)
     # The criteria of one run, also where the board itself shows those of many.
     alone = replace(board, domain=None, note=None)
-    stops = judge_of.stop_limits()
-    result, *possible = (
-        summed_up(name, alone, setting, (judge_of.score(case, *stopped(each, stops)),), ())
-        for each in (rows, *possible_runs(rows, found))
-    )
-    findings = examine(rows, robot, board, found)
+    limits = judge_of.stop_limits()
+
+    def scored(each: Trajectory) -> Result:
+        counted, stop = (each, None) if limits is None else stopped(each, limits, board.duration)
+        return summed_up(name, alone, setting, (judge_of.score(case, counted, stop=stop),), ())
+
+    result, *possible = map(scored, (rows, *possible_runs(rows, found)))
+    findings = examine(trajectory, robot, board, found)
     # Nobody invents a score of 0.
     refusals = [each for each in findings if each.refuses and result.values["score"]]
     if refusals and not force:
@@ -166,7 +168,9 @@ def score(
     if band := [value for each in possible if (value := each.values["score"]) is not None]:
         cause = f"torques that are off by {TORQUE_ERROR:.0%}, and noise of the velocities"
         warnings.append(f"band: {min(band):.3f} to {max(band):.3f} is the score of its rows for {cause}")
-    return replace(result, trajectory=rows, rate=float(1 / np.median(np.diff(rows.time))), warnings=tuple(warnings))
+    return replace(
+        result, trajectory=trajectory, rate=float(1 / np.median(np.diff(rows.time))), warnings=tuple(warnings)
+    )
 
 
 def summed_up(
@@ -221,12 +225,12 @@ def steps_of(board: AbstractBoard, setting: Setting) -> int:
     return math.ceil(board.duration / min(board.dt, setting.domain.low.value("period")) * (1 - 1e-9))
 
 
-def _passive_torque(batch: SimulatedBatch, robot: Robot) -> float:
+def _passive_torque(batch: SimulatedBatch, robot: Robot, board: AbstractBoard) -> float:
     """The largest torque that a controller asks of the passive joint where a supervisor watches (N m)."""
-    if batch.trajectory is None or (kept := batch.trajectory.record) is None:
+    if (rows := batch.trajectory) is None or rows.record is None:
         return 0.0
-    own = np.abs(np.asarray(kept.u)[~(kept.over | kept.takes), 1 - robot.joint])
-    return float(own.max(initial=0.0))
+    own = (rows.time < board.duration) & rows.record.alone & ~rows.record.over
+    return float(np.fmax.reduce(np.abs(rows.record.u[own, 1 - robot.joint]), initial=0.0))
 
 
 def _depth(setting: Setting, cases: Sequence[Case]) -> int:

@@ -23,7 +23,7 @@ from .board import Result
 from .boards import HARDWARE
 from .judge import judge, score
 from .plausibility import HANGING_TOLERANCE
-from .recording import driven_robot, turned
+from .recording import NO_ZEROS, driven_robot
 from .rollout import Trajectory
 
 MAX_PLANTS = 4  # Maximum number of plants: readers can tell four colours apart
@@ -119,10 +119,11 @@ def close_loop(
     run = judge(controller, robot, replace(board, domain=domain.name), 1, seed=seed, name=name, domain=domain)
     simulated, plant = run.trajectory, jax.tree.map(float, run.runs[0].case.scenario.parameters)
     assert simulated is not None
-    measured = Trajectory(recording.time, np.concatenate([recording.q, recording.dq], axis=1), recording.u)
+    x = np.concatenate([recording.q, recording.dq], axis=1) - np.append(plant.zeros, NO_ZEROS)
+    measured = Trajectory(recording.time, x, recording.u)
     # Forced: a log that the plant does not explain is what this compares.
     found = [
         score(rows, robot, board, name=each, plant=plant, force=True)
-        for rows, each in ((measured, recording.name), (turned(simulated, plant.zeros), name))
+        for rows, each in ((measured, recording.name), (simulated, name))
     ]
     return ClosedLoop(domain, *found)

@@ -28,6 +28,8 @@ DOMINANT_RATIO = 3.0  # A joint whose largest torque is this many times the othe
 
 MIN_ROWS = 3  # Rows of which costs can be summed
 
+NO_ZEROS = (0.0, 0.0)  # Of encoders that show 0 where the pendulum hangs
+
 # Measured columns first: the leaderboards score these.
 _GROUPS = (
     (("time",),),
@@ -38,23 +40,26 @@ _GROUPS = (
 """What is read (s, rad, rad/s, N m): the first complete choice of each group. The first choices are written."""
 
 
-def save_trajectory(path: str | Path, trajectory: Trajectory) -> None:
-    """Write a trajectory atomically, with enough digits to read the same float64 back."""
-    parts = (trajectory.time, trajectory.x, trajectory.u)
+def save_trajectory(path: str | Path, trajectory: Trajectory, zeros: ArrayLike = NO_ZEROS) -> None:
+    """Write a trajectory atomically, with enough digits to read the same float64 back.
+
+    A file has the angles that the encoders show: from their ``zeros`` (rad).
+    """
+    parts = (trajectory.time, np.asarray(trajectory.x) + np.append(zeros, NO_ZEROS), trajectory.u)
     table = np.column_stack([np.asarray(part, np.float64) for part in parts])
     names = itertools.chain(*(choices[0] for choices in _GROUPS))
     write_columns(path, dict(zip(names, table.T, strict=True)))
 
 
-def load_trajectory(path: str | Path, columns: Sequence[str] = ()) -> Trajectory:
-    """Read a trajectory as NumPy arrays in float64, cut to the shortest of its columns.
+def load_trajectory(path: str | Path, columns: Sequence[str] = (), zeros: ArrayLike = NO_ZEROS) -> Trajectory:
+    """Read a trajectory as NumPy arrays in float64, cut to the shortest of its columns, less the encoders' zeros.
 
     Units as in ``time[ms]`` are converted; spaces, and a byte order mark or ``#`` before the header are accepted.
     ``columns`` are those of :func:`~swingup.common.table.read_table`. Refused are a column that is missing or there
     twice, fewer than three complete rows, a cell that is not a finite number, a time that does not increase.
     """
     table: Any = np.column_stack(list(read_table(path, _GROUPS, columns=columns).values.values()))
-    return Trajectory(time=table[:, 0].copy(), x=table[:, 1:5].copy(), u=table[:, 5:].copy())
+    return Trajectory(table[:, 0].copy(), table[:, 1:5] - np.append(zeros, NO_ZEROS), table[:, 5:].copy())
 
 
 def checked_rows(trajectory: Trajectory, name: str = "the trajectory") -> Trajectory:
@@ -83,12 +88,6 @@ def scorable_rows(trajectory: Trajectory) -> Trajectory:
     return rows
 
 
-def turned(trajectory: Trajectory, angles: ArrayLike) -> Trajectory:
-    """A trajectory with angles (rad) added to its joints': with encoders' zeros as they show it."""
-    x = np.array(trajectory.x, np.float64)
-    return Trajectory(trajectory.time, x + np.append(angles, [0.0, 0.0]), trajectory.u)
-
-
 def recorded(rows: Trajectory, duration: float) -> tuple[Trajectory, float | None]:
     """What counts of one simulated run of a duration (s), and when the robot stopped it (s), if it did.
 
@@ -102,18 +101,17 @@ def recorded(rows: Trajectory, duration: float) -> tuple[Trajectory, float | Non
         stop = float(time[kept & over][0]) if (kept & over).any() else None
         kept &= ~over
     kept &= np.isfinite(x).all(axis=1)  # samples may be spoilt
-    kept[:MIN_ROWS] = True
+    if np.count_nonzero(kept) < MIN_ROWS:
+        kept[:MIN_ROWS] = True
     return Trajectory(time[kept], x[kept], u[kept]), stop
 
 
-def stopped(rows: Trajectory, limits: Limits | None) -> tuple[Trajectory, None, float | None]:
-    """What counts of a recording where the robot stops beyond limits; no fault; and when it stops (s), or None."""
-    if limits is None:
-        return rows, None, None
-    bounds = np.array([limits.angle, limits.angle, limits.speed, limits.speed])
-    if not (beyond := np.flatnonzero((np.abs(rows.x) > bounds).any(axis=1))).size:
-        return rows, None, None
-    return rows.take(slice(max(int(beyond[0]), MIN_ROWS))), None, float(rows.time[beyond[0]])
+def stopped(rows: Trajectory, limits: Limits, duration: float) -> tuple[Trajectory, float | None]:
+    """What counts of a recording where the robot stops beyond limits, and when it stops (s), if it does."""
+    beyond = np.flatnonzero((np.abs(rows.x) > limits.bounds).any(axis=1) & (rows.time < duration))
+    if not beyond.size:
+        return rows, None
+    return rows.take(slice(max(int(beyond[0]), MIN_ROWS))), float(rows.time[beyond[0]])
 
 
 def driven_robot(name: str | Path, u: ArrayLike) -> Robot:

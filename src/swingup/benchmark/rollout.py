@@ -48,8 +48,8 @@ class Record(eqx.Module):
     """The torques that were asked for (N m), within the motors' limits: the controller's, or the supervisor's."""
     over: Bool[Rows, "rows"]
     """The supervisor has stopped the run at this row or before."""
-    takes: Bool[Rows, "rows"]
-    """The supervisor drives both joints."""
+    alone: Bool[Rows, "rows"]
+    """The controller alone drives: the supervisor does nothing."""
 
 
 class Trajectory(eqx.Module):
@@ -149,7 +149,7 @@ def measure(scenario: Scenario, loop: LoopState, step: Count, dt: float = LOOP_D
     called, now = jnp.array(True), loop_time(loop, step, dt)
     shown = measured = encoded(scenario.parameters, loop.x)
     if scenario.disturbance is not None:
-        disturbance, held = scenario.disturbance, jnp.array(0)
+        disturbance, held, broken = scenario.disturbance, jnp.array(0), None
         if disturbance.effects.windup:
             shown = motor_side(disturbance.loop, shown, loop.motors[1])
         past = remember(loop.past, step, shown)
@@ -158,11 +158,13 @@ def measure(scenario: Scenario, loop: LoopState, step: Count, dt: float = LOOP_D
         if disturbance.effects.gaps:
             held, broken = sample_gap(disturbance, step, dt, loop.x.dtype)
             # A sample repeats with its noise.
-            noise = step_noise(disturbance, step - held, loop.x.dtype)[0] + broken
-        measured = measured_state(disturbance, past, step, noise, times, held)
+            noise = step_noise(disturbance, step - held, loop.x.dtype)[0]
+        shown = measured = measured_state(disturbance, past, step, noise, times, held)
+        if broken is not None:  # what the controller sees, and the supervisor does not
+            measured = measured_state(disturbance, past, step, noise + broken, times, held)
         loop = replace(loop, past=past, times=times, torque_noise=torque_noise)
     if scenario.supervisor is not None and loop.supervision is not None:
-        supervision = scenario.supervisor(loop.supervision[0], now, decoded(scenario.parameters, measured))
+        supervision = scenario.supervisor(loop.supervision[0], now, decoded(scenario.parameters, shown))
         loop, called = replace(loop, supervision=supervision), ~supervision[1].takes
     return loop, measured, called
 
@@ -181,7 +183,8 @@ def record(scenario: Scenario, loop: LoopState, measured: State, command: Torque
         return None
     p, done = scenario.parameters, loop.supervision[1]
     limits = jnp.array([p.tl1, p.tl2], measured.dtype)
-    return Record(decoded(p, measured), jnp.clip(asked(loop, command), -limits, limits), done.stops, done.takes)
+    torques, idle = jnp.clip(asked(loop, command), -limits, limits), ~(done.takes | jnp.any(done.push != 0))
+    return Record(decoded(p, measured), torques, done.stops, idle)
 
 
 def apply_torque(scenario: Scenario, loop: LoopState, step: Count, command: Torque, dt: float) -> LoopState:
@@ -238,7 +241,7 @@ def simulate(
         fault = jnp.where((fault < 0) & failed, index, fault)
         if scenario.disturbance is not None and scenario.disturbance.effects.gaps:
             # What is answered to a spoilt sample, and is not finite, moves no motor.
-            command = jnp.where(jnp.isfinite(measured).all() | jnp.isfinite(command), command, 0.0)
+            command = jnp.where(jnp.isfinite(measured).all() | jnp.isfinite(command).all(), command, 0.0)
         after = apply_torque(scenario, loop, index, command, dt)
         rows = Trajectory(time=time, x=before.x, u=after.u, record=record(scenario, loop, measured, command))
         return (after, memory, fault), rows

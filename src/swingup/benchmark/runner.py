@@ -236,7 +236,8 @@ def _simulate_plain(
     kept = steps if keep else 0
     x, u = np.zeros((number, kept, 4)), np.zeros((number, kept, 2))
     # Rows that are never reached count as over.
-    written = Record(np.zeros_like(x), np.zeros_like(u), *np.ones((2, number, kept), bool))
+    over = np.ones((number, kept), bool)
+    written = Record(np.zeros_like(x), np.zeros_like(u), over, ~over)
     took: list[float] = []
     for step in range(steps):
         if step == 2:  # both halves are compiled
@@ -268,7 +269,7 @@ def _simulate_plain(
         if keep and scenarios.supervisor is not None:
             row = _record(scenarios, loop, state, command)
             written.x[:, step], written.u[:, step] = row.x, row.u
-            written.over[:, step], written.takes[:, step] = row.over, row.takes
+            written.over[:, step], written.alone[:, step] = row.over, row.alone
         loop = _apply_torque(scenarios, loop, np.int64(step), command, dt)
         if keep:
             u[:, step] = loop.u

@@ -219,7 +219,7 @@ def follow_tip(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: Swi
 
 def _limit_passed(time: np.ndarray, x: np.ndarray, up: np.ndarray, limits: Limits) -> str | None:
     """Which joint first passed which limit, when and in which phase."""
-    bounds = np.array([limits.angle, limits.angle, limits.speed, limits.speed])
+    bounds = limits.bounds
     # Negated, so that a state that has diverged is beyond them.
     beyond = ~(np.abs(x) <= bounds)
     if not beyond.any():

@@ -291,7 +291,7 @@ def rehearse_command(
         progress = partial(bar, "runs")
         found = rehearse(folder, plant, domain, robot, scored, duration, seeds, seed, real_time, longest, progress)
     if save is not None and found.result.trajectory is not None:
-        save_trajectory(save, found.result.trajectory)
+        save_trajectory(save, found.result.trajectory, found.result.runs[0].case.scenario.parameters.zeros)
     tell_json(found.as_dict()) if json else tell(*rehearsal_lines(found))
 
 
@@ -367,7 +367,7 @@ def plot_command(
             return
         figure = learning_curves(files)
     else:
-        trajectories = [load_trajectory(file, columns) for file in files]
+        trajectories = [load_trajectory(file, columns, found.zeros) for file in files]
         robots = [robot or driven_robot(file, rows.u) for file, rows in zip(files, trajectories, strict=True)]
         if kind == "animation":
             animate(list(zip(trajectories, robots, strict=True)), out, fps, size, speed, found)

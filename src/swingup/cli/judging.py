@@ -13,7 +13,7 @@ from ..benchmark.boards import BOARDS, get_board
 from ..benchmark.disturbances import DisturbanceSettings, PushRules
 from ..benchmark.judge import judge, make_setting, score
 from ..benchmark.leaderboard import DEFAULT_BOARDS, leaderboard
-from ..benchmark.recording import load_trajectory, save_trajectory, turned
+from ..benchmark.recording import NO_ZEROS, load_trajectory, save_trajectory
 from ..benchmark.robustness_board import RobustnessBoard, change_grid
 from ..common.errors import SwingupError, command_line
 from ..common.files import check_writable, write_atomically
@@ -134,7 +134,8 @@ def evaluate_command(
     disturbed = DisturbanceSettings(**given) if disturbance else None
     loop: Any = {"plant": on, "domain": domain, "disturbance": disturbed}
     boards, results = _boards(board, criteria, grid), []
-    if seeds is not None and not any(each.is_random(make_setting(robot, each, **loop)) for each in boards):
+    settings = [make_setting(robot, each, **loop) for each in boards]
+    if (seeds or 0) > 1 and not any(map(AbstractBoard.is_random, boards, settings)):
         raise SwingupError(f"--seeds {seeds}: nothing on {' '.join(board)} is random: leave it out")
     if save is not None:
         if len(boards) > 1 or not boards[0].keeps_rows:
@@ -142,18 +143,16 @@ def evaluate_command(
                 f"--save writes the rows of one board, as performance, not those of {' '.join(board)}"
             )
         check_writable(save)  # before the judging, which may take minutes
-    for each in boards:
-        design = make_setting(robot, each, **loop).plant
+    for each, setting in zip(boards, settings, strict=True):
         with foreign_prints_apart(), Progress() as progress:
-            found = controller_on(controller, robot, design, wanted, given=bool(plant))
+            found = controller_on(controller, robot, setting.plant, wanted, given=bool(plant))
             report_progress = partial(progress, each.name)
             result = judge(found, robot, each, seeds, seed=seed, name=controller, progress=report_progress, **loop)
         results.append(result)
         if not json:
             tell(*result_lines(result, judged_name(controller, found)))
     if save is not None and results[0].trajectory is not None:
-        zeros = results[0].runs[0].case.scenario.parameters.zeros
-        save_trajectory(save, turned(results[0].trajectory, zeros))
+        save_trajectory(save, results[0].trajectory, results[0].runs[0].case.scenario.parameters.zeros)
     if json:
         # The result names the command that repeats it; the leaderboard shows it beside shipped rows.
         options = {"controller": controller, "seed": seed, "seeds": seeds, "domain": domain}
@@ -273,6 +272,7 @@ def score_command(
         force: score what cannot be physics as well, and say so.
         json: print one JSON object.
     """
-    rows, name = load_trajectory(trajectory, columns), Path(trajectory).stem
-    result = score(rows, robot, board, name=name, plant=facts_of(plant), force=force)
+    on, name = facts_of(plant), Path(trajectory).stem
+    rows = load_trajectory(trajectory, columns, NO_ZEROS if on is None else on.zeros)
+    result = score(rows, robot, board, name=name, plant=on, force=force)
     tell_json(result.as_dict(), indent=1) if json else tell(*result_lines(result, name))

@@ -27,7 +27,7 @@ from ..learner.run_folder import BEST
 from ..learner.run_settings import make_run_settings
 from ..loop.domain import Domain
 from ..loop.loop import LOOP_DT
-from ..loop.resolve import resolve
+from ..loop.resolve import NO_LOOP, resolve
 from ..plant.files import is_plant_name
 from ..plant.measured import measured_plant
 from ..plant.plant import ROBOTS, Plant, Robot
@@ -162,7 +162,7 @@ def make_controller_command(
     result = _judged(policy, around, seeds, file, JUDGED_SEED)
     tell(*result_lines(result, file))
     write_export(policy, to, out, name)
-    on = {"plant": source, "domain": domain}
+    on = {"plant": source, "domain": domain or NO_LOOP}
     again = command_line("evaluate", robot.name, board=SIM2REAL.name, controller=file, **on)
     tell(f"judge it on other draws with {again}")
     if result.successes < ENOUGH * len(result.runs):

@@ -72,7 +72,7 @@ def resolve(
     """
     found = None if domain is None or domain == NO_LOOP else _find(domain)
     if plant is None and found is not None:
-        return _guessed(found, share)
+        return found
     facts = _guessed(_find_plant(PLANT_ALONE if plant is None else plant), share)
     return facts if found is None else _in_loop(facts, found)
 

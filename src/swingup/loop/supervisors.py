@@ -61,6 +61,11 @@ class Limits(eqx.Module):
     speed: Annotated[float | Scalar, VELOCITY]
     """rad/s"""
 
+    @property
+    def bounds(self) -> np.ndarray:
+        """The largest |q1|, |q2|, |dq1| and |dq2|."""
+        return np.array([self.angle, self.angle, self.speed, self.speed])
+
     def exceeded(self, x: State) -> Flag:
         """Whether either joint of a state is beyond a limit."""
         return jnp.any(jnp.abs(x[:2]) > self.angle) | jnp.any(jnp.abs(x[2:]) > self.speed)

@@ -128,8 +128,10 @@ def adapt(
     if policy is not None and policy.robot != robot:
         raise SwingupError(f"the policy is for the {policy.robot.name}, not the {robot.name}")
     loop = RECORDED if domain is None else domain
-    around = resolve(plant, loop, GUESS)
-    if plant is not None or around != resolve(domain=loop):
+    # A domain that knows its plant is a guess, too.
+    given = resolve(plant, loop)
+    around = resolve(given, share=GUESS)
+    if plant is not None or around != given:
         around = save_domain(out.with_name(f"{out.stem}-adapt.yml"), around, command)
     attempts = _Attempts(robot, out, around, seeds, command, watch)
     shipped = shipped_for(around, robot) if policy is None else None

@@ -10,7 +10,7 @@ import jax
 
 from ..benchmark.board import Case, Result, Run, Setting
 from ..benchmark.boards import SIM2REAL
-from ..benchmark.judge import make_setting, summed_up
+from ..benchmark.judge import make_setting, steps_of, summed_up
 from ..benchmark.recording import recorded
 from ..benchmark.rollout import Trajectory
 from ..benchmark.runner import Progress, run_one
@@ -158,7 +158,7 @@ def _rows(controller: FolderController, board: SwingUpBoard, setting: Setting, c
     loop = case.scenario, board.dt
     # Two steps first, in which the simulation is compiled: the controller's clock does not run yet.
     run_one(PythonController(lambda x, t: (0.0, 0.0)), *loop, 2, setting.domain.depth)
-    return run_one(PythonController(controller), *loop, board.steps, setting.domain.depth)
+    return run_one(PythonController(controller), *loop, steps_of(board, setting), setting.domain.depth)
 
 
 def _robot(given: Robot | str | None, said: Any, folder: Folder) -> Robot:
