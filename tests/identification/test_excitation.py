@@ -185,6 +185,14 @@ def test_a_prior_keeps_what_the_plants_file_says(tmp_path):
     assert low.plant.I2 < load_plant("cloudpendulum").I2 < high.plant.I2
 
 
+def test_positions_are_those_that_the_encoders_show(tmp_path):
+    """The feedback would pull a pendulum towards other zeros."""
+    rest = np.zeros((5, 2)), np.zeros((5, 4)), np.ones((2, 2))
+    search.Excitation(*rest, None, 0.0, 0.0, 1, zeros=(0.25, -0.1)).save(tmp_path / "excitation.csv")
+    table = np.genfromtxt(tmp_path / "excitation.csv", delimiter=",", names=True)
+    assert (set(table["pos1"]), set(table["pos2"])) == ({0.25}, {-0.1})
+
+
 @pytest.mark.slow
 def test_an_excitation_lets_identify_find_a_plant_of_the_prior(tmp_path):
     prior = prior_around(resolve(C1))

@@ -73,6 +73,13 @@ def test_a_time_of_another_epoch_is_a_pause(tmp_path, row, time):
     assert log.duration < TABLE[-1, 0] + 1.0
 
 
+def test_an_exponent_beyond_decimals_in_a_time_since_1970(tmp_path):
+    rows = [",".join(map(str, [f"{1.7e9 + row[0]:.3f}", *row[1:]])) for row in TABLE]
+    rows[700] = rows[700].replace(rows[700].partition(",")[0], "0e99999999999999999999", 1)
+    (tmp_path / "log.csv").write_text("\n".join([HEADER, *rows]))
+    assert len(read_recording(tmp_path / "log.csv").time) >= len(TABLE) - 1
+
+
 def test_quanta_differ_by_joint(tmp_path):
     steps = np.array([QUANTUM, 4.8e-5])
     table = changed([1, 2], lambda angles: np.round(angles / steps) * steps)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
+from refusals import refusal
 from swingup.benchmark.log_comparison import close_loop, compare
 from swingup.cli import main
 from swingup.common.table import write_columns
@@ -60,6 +61,11 @@ def comparison(log):
     found = compare(log, plants)
     run = close_loop(found.recording, lambda x, t: [0.5, 0.0], "mine:push", ROBOTS["pendubot"], plants["right"])
     return dataclasses.replace(found, runs={"right": run})
+
+
+def test_a_lag_that_the_model_would_cut_is_refused(log):
+    slow = resolve(domain={"plant": "C.1", **PERFECT, "lag": 0.05})
+    assert "slow has a lag of 0.05 s: a comparison takes up to 0.008 s" in refusal(compare, log, {"slow": slow})
 
 
 def test_the_right_plant_predicts_and_another_does_not(comparison):

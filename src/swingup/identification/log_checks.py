@@ -142,6 +142,7 @@ MINIMUM_POSITIONS = 20
 MAXIMUM_PERIOD = 0.1  # maximum median period (s): a pendulum moves too far between rows
 SLOW_PERIOD = 0.0315  # Median period (s) from which parameters are biased: those of C.1 by a quarter at 20 Hz
 USUAL_PERIODS = (2e-4, 0.06)  # range of the loops' periods (s), which tells the unit of a time
+FASTEST = 100.0  # rad/s; CloudPendulum stops at 50, RealAIGym's robots at 20
 MINIMUM_MOTION = 2e-3  # minimum range of an angle (rad)
 SATURATED_SHARE = 0.25  # share of rows at the largest torque from which a motor counts as saturated
 GAP, GAP_PERIODS = 0.06, 20.0
@@ -171,13 +172,18 @@ def check_time(name: str, time: Float[np.ndarray, "rows"], title: str, columns: 
             f"{name}: rows are {period:g} s apart (median): the time looks like {unit}; read it with "
             f"--columns {words}{counter}"
         )
-    if period > MAXIMUM_PERIOD:
-        raise SwingupError(
-            f"{name}: rows are {period:g} s apart (median), too slow for a pendulum: record at 33 Hz or faster"
-        )
+    check_rate(name, period)
     if time[-1] < MINIMUM_DURATION:
         raise SwingupError(
             f"{name} lasts {time[-1]:g} s: at least {MINIMUM_DURATION:g} s are needed, with time in seconds"
+        )
+
+
+def check_rate(name: str, period: float) -> None:
+    """Refuse measurements whose median period (s) is too long."""
+    if period > MAXIMUM_PERIOD:
+        raise SwingupError(
+            f"{name}: rows are {period:g} s apart (median), too slow for a pendulum: record at 33 Hz or faster"
         )
 
 
@@ -214,7 +220,11 @@ def check_stuck(name: str, time: Float[np.ndarray, "rows"], q: Float[np.ndarray,
     for joint in (0, 1):
         ends = [0, *(np.flatnonzero(apart | (np.diff(q[:, joint]) != 0)) + 1).tolist(), len(q)]
         for start, end in itertools.pairwise(ends):
-            if end - start > 2 and (travel := float(np.ptp(q[start:end, 1 - joint]))) > DEAD_TRAVEL:
+            if end - start < 3:
+                continue
+            travel = float(np.ptp(q[start:end, 1 - joint]))
+            # A joint that seems faster has angles in another unit, which is named later.
+            if DEAD_TRAVEL < travel < FASTEST * float(time[end - 1] - time[start]):
                 raise SwingupError(
                     f"{name}: angle {joint + 1} stays at {q[start, joint]:.4g} rad from {time[start]:.3g} to "
                     f"{time[end - 1]:.3g} s, while joint {2 - joint} moves by {travel:.3g} rad: is its encoder "

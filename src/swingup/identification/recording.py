@@ -20,6 +20,7 @@ from .log_checks import (
     MINIMUM_ROWS,
     check_fresh,
     check_motion,
+    check_rate,
     check_stuck,
     check_time,
     continued,
@@ -130,7 +131,7 @@ def read_recording(path: str | Path, columns: Sequence[str] = (), force: bool = 
     notes += find_turns(angles[0]) if turn is None else []
     fresh = _fresh_rows(q, quantum, time, values)
     check_fresh(name, fresh, q)
-    check_time(name, time[fresh], table.sources["time"].word("time"), columns)
+    check_rate(name, float(np.median(np.diff(time[fresh]))))
     check_motion(name, q[fresh])
     kept, time, found = cut_episodes(time, q, fresh, longest_step(float(np.median(np.diff(time)))))
     time, q, fresh = time[kept], q[kept], fresh[kept]
@@ -172,6 +173,8 @@ def _with_both_torques(path: str | Path, columns: Sequence[str]) -> Sequence[str
     table = read_table(path, _GROUPS, columns=rest, gaps=True)
     # The pair that the word is of first.
     pairs = sorted(filter(None, _COMMANDS), key=lambda pair: pair[joint - 1] not in word)
+    # Measured torques count as commands where the word itself is of one.
+    pairs = [pair for pair in pairs if pair[joint - 1] in word or pair not in _MEASURED]
     there = [pair[2 - joint] for pair in pairs if pair[2 - joint] in {*table.values, *table.unread}]
     others = suggest_columns([title for title in table.unread if title not in word], _COMMANDS[0])
     if not there and any(each.startswith(f"u{3 - joint}=") for each in others):

@@ -169,6 +169,8 @@ def representative(base: Mapping[str, float], start: Plant) -> Plant:
     # Bodies in a simulation have no geared rotors: a part of the elbow's inertia is theirs (``_without_rotors``).
     lightest = INERTIA_MARGIN * base["m2r2"] ** 2 / (base["B"] - float(start.gr) * base["Ir"])
     # Link 1 keeps a part of the inertia and of the moment, so that both stay positive.
+    if not l1**2 > 0:
+        raise SwingupError(f"l1 = {l1:g} m is too short to divide by: give it in metres")
     heaviest = min(0.95 * shoulder / l1**2, 0.98 * base["k"] / l1)
     # Where link 2 is too heavy for its inertia, the masses cannot be consistent: the equations still hold.
     m2 = float(np.clip(start.m2, lightest, heaviest)) if 0 < lightest < heaviest else heaviest
