@@ -299,9 +299,11 @@ def test_a_loop_may_call_twice_at_one_time(made, back_end):
     once, twice = found.run(times, states), found.run(np.repeat(times, 2), np.repeat(states, 2, axis=0))
     for calls in (twice[::2], twice[1::2]):
         np.testing.assert_array_equal(calls, once)
-    # A clock that never moves holds no torque for ever.
-    still = found.run(0 * times[:30], states[200:230])[:, policy(ESTIMATED[0]).robot.joint]
-    assert np.ptp(still[:11]) == 0 < np.ptp(still[10:])
+    # A clock that stops holds no torque for ever, nor where it stops at an early call.
+    for first in (0.0, -0.001):
+        times = np.append(first, np.zeros(29))
+        still = found.run(times, states[200:230])[:, policy(ESTIMATED[0]).robot.joint]
+        assert np.ptp(still[:11]) == 0 < np.ptp(still[10:])
     # What a spoilt sample gave is not kept.
     spoilt = found.run([0.0, 0.001, 0.002], [np.full(4, np.nan), states[0], states[0]])
     assert np.isfinite(spoilt[1:]).all()

@@ -89,7 +89,7 @@ class LoopController(Generic[SourceT]):
         self.guard = None if guard is None else Guard(guard, robot.joint, limits, watch)
         self._limits, self._zeros = np.array(limits), np.array([*zeros, 0.0, 0.0])
         self._passive = 1 - robot.joint
-        self._own, self._acted, self._standstills = np.zeros(2), -math.inf, 0
+        self._own, self._acted, self._called, self._standstills = np.zeros(2), -math.inf, -math.inf, 0
 
     @property
     def fault(self) -> Fault | None:
@@ -104,7 +104,7 @@ class LoopController(Generic[SourceT]):
     def reset(self) -> None:
         """Forget the run so far, and let a stopped controller act again."""
         self.inner.reset()
-        self._acted = -math.inf
+        self._acted = self._called = -math.inf
         if self.guard is not None:
             self.guard.reset()
 
@@ -124,7 +124,7 @@ class LoopController(Generic[SourceT]):
         if self.guard is not None and not self.guard.accepts_measurement(t, seen):
             return self.guard.stop_torques()
         # A clock that never moves must not hold a torque, nor an early call what a spoilt sample gave.
-        self._standstills = self._standstills + 1 if t == self._acted else 0
+        self._called, self._standstills = t, self._standstills + 1 if t == self._called else 0
         early = self._acted <= t < self._acted + self.inner.min_pause and self._standstills <= MAX_STANDSTILLS
         keeps_torques = early and bool(np.isfinite(self._own).all())
         if not keeps_torques:

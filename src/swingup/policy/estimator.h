@@ -11,9 +11,9 @@
 #if SWINGUP_HAS_ESTIMATOR
 typedef struct {
     int called;                           /* 0 before the first call */
-    int standstills;                      /* calls in a row at its time */
+    int standstills;                      /* calls in a row at the time of the last one, also if that was early */
     int delay_steps;                      /* the delay found (steps) */
-    swingup_time time;                    /* of the last call (s) */
+    swingup_time time, asked;             /* of the last call that was not early, and of the last one (s) */
     double sample[4];                     /* the last measurement that was finite */
     double gap;                           /* time since it was new (s) */
     double state[4];                      /* estimate of the measured state, as old as the delay */
@@ -136,7 +136,8 @@ static inline int swingup_early(swingup_estimator *c, swingup_time t)
         return 0;
     }
     /* A clock that never moves must not hold a torque. */
-    c->standstills = t == c->time ? c->standstills + 1 : 0;
+    c->standstills = t == c->asked ? c->standstills + 1 : 0;
+    c->asked = t;
     return t >= c->time && t < c->time + (swingup_time)(SWINGUP_MIN_STEP * SWINGUP_TIME_UNIT)
            && c->standstills <= SWINGUP_MAX_STANDSTILLS;
 }
@@ -204,7 +205,7 @@ static inline void swingup_observe(swingup_estimator *c, swingup_time t, const d
     }
 #endif
     c->called = 1;
-    c->time = t;
+    c->time = c->asked = t;
 }
 
 /* Note the torques that the motors were asked for, within their limits. */

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ..common.checks import LARGEST_NUMBER
 from ..common.errors import MALFORMED, SwingupError, naming
 from ..common.files import read_bytes
 from ..plant.equations import NUMPY, damped_midpoint_step
@@ -110,6 +111,8 @@ def loop_test(policy: RobotPolicy) -> SelfTest:
     for x in starts * units:
         controller.reset()
         for call in range(calls):
+            if not (np.abs(x) < LARGEST_NUMBER).all():
+                raise SwingupError("its pendulum flies apart in the self-test: check the plant's numbers")
             # In single precision a program may see nothing else.
             states.append(x.astype(np.float32).astype(np.float64))
             torques.append(controller(states[-1], period * call))
