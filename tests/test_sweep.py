@@ -71,6 +71,17 @@ def test_a_plan_has_every_combination(tmp_path):
     }  # fmt: skip
 
 
+def test_no_workers_are_refused():
+    assert "workers = 0" in refusal(lambda: executor_for(workers=0).__enter__())
+
+
+def test_alternatives_are_those_that_the_command_trains(tmp_path):
+    changes = {"terminations": "reset_cost"}
+    base, alone = (make_run_settings("Hopper-v5", "continuing", each) for each in ({}, changes))
+    (job,) = plan_jobs(base, {"terminations": ["reset_cost"]}, (0,), tmp_path, 100)
+    assert job.settings.config == alone.config
+
+
 def test_a_sweep_repeats_nothing_and_resumes(tmp_path):
     jobs = jobs_of(tmp_path, seeds=(0, 1))
     first = inline(jobs)
@@ -83,8 +94,13 @@ def test_a_sweep_repeats_nothing_and_resumes(tmp_path):
     assert scores(inline(jobs)) == scores(first)
     assert read_metrics(f"{jobs[0].folder}/metrics.jsonl")[-1]["frames"] == 256
     assert untouched.stat().st_mtime_ns == written
-    # Killed before it had a checkpoint.
+    # Without its checkpoints a finished run is read, and no other is trained in its place.
     shutil.rmtree(jobs[0].folder / "checkpoints")
+    assert scores(inline(jobs)) == scores(first)
+    metrics = jobs[0].folder / "metrics.jsonl"
+    metrics.write_text("".join(metrics.read_text().splitlines(keepends=True)[:1]))
+    assert "has metrics and no checkpoint: restore" in error_of(jobs[0])
+    metrics.unlink()  # killed before its first checkpoint
     assert scores(inline(jobs)) == scores(first)
 
 
@@ -278,7 +294,11 @@ def test_the_best_trial_becomes_settings(tmp_path, searched):
     assert 1e-4 <= rate <= 1e-2
     assert chosen["policy_layers"] in [[8], [16, 8]]
     assert f"--learning-rate={rate}" in command
-    assert json.loads((tmp_path / "best.json").read_text())["command"] == command
+    written = json.loads((tmp_path / "best.json").read_text())
+    # Optuna's file names folders within the search's, which may be moved.
+    where = best.user_attrs["folder"]
+    assert (written["command"], written["folder"]) == (command, str(tmp_path / where))
+    assert where == f"trial-{best.number}"
 
 
 @pytest.mark.slow

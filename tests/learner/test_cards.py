@@ -16,6 +16,8 @@ from swingup import AREAPO
 from swingup.cli.exporting import plot_command
 from swingup.learner.card import write_card
 from swingup.policy.file import write_network
+from swingup.report.figures import curves_figure
+from swingup.report.watch import policy_files
 
 from .environments import TINY
 from .test_play import saved, walker
@@ -80,6 +82,17 @@ def test_a_run_has_a_page_with_its_learning_curve(tmp_path):
     saved(tmp_path / "other" / "best.safetensors", walker(1))
     assert "has no scores: name the folder" in refusal(plot_command, "curve", runs, out=str(tmp_path / "p.html"))
     assert "best mean return" in (tmp_path / "curve.svg").read_text(encoding="utf-8")
+    # A continuing task's score is its reward rate.
+    row = {"seed": 0, "frames": 640, "reward": 0.5, "score": 0.4, "reward_rate": 0.4, "mean_length": 2000.0}
+    labels = [panel.y for panel in curves_figure({"a": [row]}).panels]
+    assert labels[-1] == "best reward rate (–)"
+
+
+def test_of_several_seeds_the_best_ones_last_policy_is_shown(tmp_path):
+    card_of(tmp_path, 3.0)  # of seed 3
+    for name in ("first", "last-3", "last-4"):
+        saved(tmp_path / f"{name}.safetensors", walker(0))
+    assert [each.stem for each in policy_files(tmp_path)] == ["first", "best", "last-3"]
 
 
 class StandIn(types.ModuleType):

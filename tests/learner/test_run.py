@@ -48,6 +48,18 @@ def test_a_command_names_seeds_that_are_not_the_presets():
 def test_a_cost_of_another_unit_is_not_the_presets():
     for preset, change, cost in (("continuing", "reset_cost", 10.0), ("continuing", "adaptive_cost", 100.0)):
         assert make_run_settings("Hopper-v5", preset, {"terminations": change}).config.reset_cost == cost
+    # The command says the preset's cost where it is meant in the other unit.
+    for cost, said in ((10.0, False), (100.0, True)):
+        settings = make_run_settings("Hopper-v5", "continuing", {"terminations": "reset_cost", "reset_cost": cost})
+        assert ("--reset-cost=100" in settings.command(64)) == said
+        assert "--terminations=reset_cost" in settings.command(64)
+
+
+def test_another_schedule_has_the_length_of_the_presets_run():
+    for preset in ("episodes", "continuing"):
+        settings = make_run_settings("Hopper-v5", preset, {"schedule": "anneal"})
+        assert settings.config.schedule_frames == get_preset(preset).frames
+        assert settings.command(64).endswith("--schedule=anneal")
 
 
 def test_the_module_of_an_id_changes_no_default():

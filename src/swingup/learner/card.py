@@ -84,4 +84,4 @@ policy = load_policy("{BEST}")
 action, _ = policy.predict(observation)
 ```
 """
-    write_atomically(folder / CARD, card.encode())
+    write_atomically(folder / CARD, card.encode(errors="backslashreplace"))  # a file's name may be no text

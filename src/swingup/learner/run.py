@@ -269,6 +269,7 @@ def start_run(settings: RunSettings, folder: str | Path | None, frames: int) -> 
         progress = TrainingProgress(state, (UNRANKED,) * settings.seeds)
         run = Run(settings, backend, progress, goal, place)
         if place is not None:
+            place.check_new()  # seconds have passed
             make_folder(place.checkpoints)
             write_run_settings(place.path, settings, goal)
             # The untrained policy, to look back at.

@@ -45,7 +45,8 @@ class RunFolder:
             behind_links(self.path)  # which refuses a link to itself
             if any(self._content()):
                 raise SwingupError(
-                    f"{self.path} exists: continue it with --resume {self.path}, or choose another --out"
+                    f"{self.path} exists: continue it with --resume {self.path} (in Python resume_run), or choose "
+                    "another --out (folder)"
                 )
         except OSError as error:
             raise _cannot_create(self.path, error) from error
@@ -148,7 +149,7 @@ class RunFolder:
 
 
 def _cannot_create(path: Path, error: OSError) -> SwingupError:
-    return SwingupError(f"cannot create {path}: {error.strerror}; choose another --out")
+    return SwingupError(f"cannot create {path}: {error.strerror}; make it writable, or choose another folder")
 
 
 def seed_file(name: str, settings: RunSettings, index: int) -> str:

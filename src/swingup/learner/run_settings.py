@@ -103,9 +103,16 @@ class RunSettings:
 
     def _changed(self) -> dict[str, Any]:
         """Hyperparameters that differ from the preset's, then intervals and episodes that are not the defaults."""
-        defaults = vars(get_preset(self.preset).config) | vars(self.problem.intervals)
-        mine = {name: (vars(self.config) | vars(self))[name] for name in defaults}
-        return {name: value for name, value in mine.items() if value != defaults[name]}
+        usual = vars(self.problem.intervals)
+        return self.changes | {name: value for name in usual if (value := getattr(self, name)) != usual[name]}
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """The hyperparameters that differ from those that the preset has with the others."""
+        mine, preset = vars(self.config), vars(get_preset(self.preset).config)
+        usual = vars(config_for(self.problem, self.preset, {name: mine[name] for name in UNITS}))
+        usual |= {name: preset[name] for name in UNITS}
+        return {name: value for name, value in mine.items() if value != usual[name]}
 
     def as_dict(self) -> dict[str, Any]:
         """The entries of config.json, as JSON values."""
@@ -137,11 +144,16 @@ def make_run_settings(
     return RunSettings(problem, chosen, config=config, **values)
 
 
+UNITS = ("terminations", "schedule")  # Hyperparameters on which the meaning of another one depends
+
+
 def config_for(problem: AbstractProblem, preset: str, changes: Mapping[str, Any]) -> Config:
     """The hyperparameters of a preset for a problem, with changes by name; misspelt names are refused."""
     usual, sizes = get_preset(preset).config, {}
     if changes.get("terminations", usual.terminations) != usual.terminations:
         sizes["reset_cost"] = Config.reset_cost  # the preset's has another unit
+    if changes.get("schedule", usual.schedule) != usual.schedule:
+        sizes["schedule_frames"] = get_preset(preset).frames  # the preset's is for another schedule
     sizes |= problem.sizes(usual)
     return config_from_dict(vars(usual) | sizes | dict(changes), ("env", "folder", *SETTINGS))
 

@@ -20,7 +20,7 @@ from ..common.checks import finite_number, whole_number
 from ..common.errors import SwingupError, quoted
 from ..common.files import read_bytes
 from ..drawing import GOAL_HEIGHT
-from ..learner.metrics import METRICS_FILE
+from ..learner.metrics import METRICS_FILE, REWARD_RATE
 from ..loop.resolve import resolve
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
 from .figure import BARS, DOTS, LINE, PALE_BARS, RING, STAR, THIN, Curve, Figure, Mark, Panel
@@ -193,11 +193,15 @@ def curves_figure(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
             resets.append(Curve(label, frames, 1000.0 * rate, k, look))
             scores.append(Curve("one evaluation", frames, points, k, DOTS))
             scores.append(Curve(label, frames, np.fmax.accumulate(points), k, look, steps=True))
-    returns = any("mean_length" in row for rows in runs.values() for row in rows)
+    every = [row for rows in runs.values() for row in rows]
+    returns = any("mean_length" in row for row in every)
+    scored = [row for row in every if row.get("score") is not None]
+    rates = returns and bool(scored) and all(row["score"] == row.get(REWARD_RATE) for row in scored)
+    kind = "reward rate (–)" if rates else "mean return (–)" if returns else "RealAI score (0 to 1)"
     panels = {
         "reward rate per step (–)": rewards,
         **({"resets per 1,000 steps (–)": resets} if with_resets else {}),
-        "best mean return (–)" if returns else "best RealAI score (0 to 1)": scores,
+        f"best {kind}": scores,
     }
     return Figure([Panel("frames (millions)", label, curves) for label, curves in panels.items()], shared=True)
 

@@ -15,6 +15,7 @@ from ..controllers.registry import get_controller
 from ..learner.metrics import step_time
 from ..learner.play import play
 from ..learner.run_folder import BEST, FIRST, LAST
+from ..policy.file import read_metadata
 from ..policy.pendulum import PendulumPolicy
 from ..policy.shipped import load_policy
 from .film import FILM_FORMATS, FPS, MAX_FPS, animate, write_film
@@ -24,11 +25,17 @@ MAX_FRAMES = 5_000
 
 
 def policy_files(source: str | Path) -> list[Path]:
-    """The first, the best and the last policy in a run's folder, as far as they are there, or one file."""
+    """The first, the best and the last policy in a run's folder, as far as they are there, or one file.
+
+    Of several seeds the last policy is that of the seed with the best one.
+    """
     path = Path(source)
     if not path.is_dir():
         return [path]
-    found = [path / name for name in (FIRST, BEST, LAST) if (path / name).is_file()]
+    names = [FIRST, BEST, LAST]
+    if (path / BEST).is_file() and not (path / LAST).is_file():
+        names[2] = LAST.replace(".", f"-{read_metadata(path / BEST).get('seed')}.")
+    found = [path / name for name in names if (path / name).is_file()]
     if not found:
         raise SwingupError(f"{path} holds no policy: name a run's folder or a policy file")
     return found

@@ -79,7 +79,7 @@ def plan_variant(base: RunSettings, chosen: Mapping, seeds: Sequence[int], folde
     """The jobs of one choice of settings: one for each seed, in folders of their own below ``folder``."""
     changes = dict(chosen)
     preset = base.problem.choose_preset(changes.pop("preset", base.preset))
-    kept = vars(base.config) if preset == base.preset else {}
+    kept = base.changes if preset == base.preset else {}
     config = config_for(base.problem, preset, kept | changes)
     base = dataclasses.replace(base, preset=preset, config=config, seeds=1)
     runs = [dataclasses.replace(base, seed=seed) for seed in seeds]
@@ -135,20 +135,24 @@ def train_one(job: Job, report: Callable[[Row], None] = lambda row: None) -> Row
 
     ``report`` is called with the metrics of each evaluation; what it raises ends the run.
     """
-    folder, row = RunFolder(job.folder), None
+    folder, metrics, row = RunFolder(job.folder), job.folder / METRICS_FILE, None
     rollout = job.settings.config.rollout_size
     end = math.ceil(job.frames / rollout) * rollout
-    if folder.has_checkpoint():
+    if folder.has_checkpoint() or metrics.exists():
         if read_run_settings(job.folder)[0] != job.settings:
             raise SwingupError(f"{folder} holds a run with other settings: choose another --out")
         # Metrics are written before their checkpoint: a run that was killed between the two has to go on.
-        if folder.newest_frames() >= end and (metrics := job.folder / METRICS_FILE).exists():
+        if folder.newest_frames(end) >= end and metrics.exists():
             row = next((each for each in read_metrics(metrics) if each["frames"] == end), None)
     if row is None:
         # Two workers must not start the same run; training then takes the lock itself.
         with folder.exclusive(LOCK_SECONDS):
             if folder.has_checkpoint():
                 run = resume_run(job.folder, job.frames)
+            elif metrics.exists():
+                raise SwingupError(
+                    f"{folder} has metrics and no checkpoint: restore its checkpoints, or remove it to train again"
+                )
             else:
                 folder.clear()  # killed before its first checkpoint
                 run = start_run(job.settings, job.folder, job.frames)
@@ -199,7 +203,9 @@ def executor_for(scheduler: str | None = None, workers: int | None = None) -> It
     There is one process for every two cores, unless a number is given: a run uses about two.
     """
     if scheduler is None:
-        with _local_processes(whole_number("workers", workers or max(1, cores() // 2), 1, 1024)) as executor:
+        with _local_processes(
+            whole_number("workers", max(1, cores() // 2) if workers is None else workers, 1, 1024)
+        ) as executor:
             yield executor
         return
     if workers is not None:
@@ -247,7 +253,8 @@ def _local_processes(count: int) -> Iterator[Executor]:
 
 
 def _begin_worker(lifeline: Connection) -> None:
-    """Let a worker leave Ctrl-C to the process that started it, and end with it."""
+    """Let a worker leave Ctrl-C to the process that started it, print where that does not, and end with it."""
+    os.dup2(2, 1)  # standard output may be the parent's JSON
 
     def wait_for_end() -> None:
         with contextlib.suppress(EOFError, OSError):

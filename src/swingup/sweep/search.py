@@ -90,8 +90,9 @@ def search(
 
     Returns:
         Optuna's study. A trial's value is the interquartile mean of its seeds' last scores; of a pruned one, the
-        last intermediate score. Its user attributes are ``folder``, ``preset``, ``hyperparameters`` (keywords of
-        :class:`swingup.AREAPO`), ``command`` (trains its first seed again) and, where it failed, ``error``.
+        last intermediate score. Its user attributes are ``folder`` (in ``out``), ``preset``, ``hyperparameters``
+        (keywords of :class:`swingup.AREAPO`), ``command`` (trains its first seed again) and, where it failed,
+        ``error``.
         A trial that was interrupted stays as a failed one; the trial that continues it has its folder.
 
     Raises:
@@ -171,10 +172,10 @@ def train_trial(plan: SearchPlan, trial: "Trial") -> float:
 
     scores: list[float] = []
     # A trial that continues an interrupted trial has its attributes.
-    folder = trial.user_attrs.get("folder", str(plan.out / f"trial-{trial.number}"))
+    folder = trial.user_attrs.get("folder", f"trial-{trial.number}")
     trial.set_user_attr("folder", folder)
     params = {name: _suggest(trial, name, text) for name, text in plan.space.items()}
-    jobs = plan_variant(plan.base, params, plan.seeds, Path(folder), plan.frames)
+    jobs = plan_variant(plan.base, params, plan.seeds, plan.out / folder, plan.frames)
     settings = jobs[0].settings
     chosen = {name: getattr(settings.config, name) for name in params if name != "preset"}
     trial.set_user_attr("preset", settings.preset)
@@ -275,4 +276,5 @@ def _open_study(plan: SearchPlan, place: int = 0) -> "Study":
 
 def _note_best(plan: SearchPlan, study: "Study") -> None:
     if (best := best_trial(study)) is not None:
-        write_json(plan.out / "best.json", {"trial": best.number, "score": best.value, **best.user_attrs})
+        facts = best.user_attrs | {"folder": str(plan.out / best.user_attrs["folder"])}
+        write_json(plan.out / "best.json", {"trial": best.number, "score": best.value, **facts})
