@@ -135,8 +135,9 @@ def test_what_is_one_stream():
     model = AREAPO(made, resets="never")
     assert (model.config.num_envs, model.config.num_steps) == (1, 2000)
     assert model._run.backend._environments[0]._source is made.unwrapped
+    # They follow from what is passed in.
     assert model.settings.command(5) == (
-        "swingup.AREAPO(env, resets='never', preset='continuing', seed=0, num_envs=1, num_steps=2000).learn(5)"
+        "swingup.AREAPO(env, resets='never', preset='continuing', seed=0).learn(5)"
         f"  # env: {model.settings.problem.name}"
     )
     assert AREAPO([Plant, Plant], resets="never").config.num_steps == 1000

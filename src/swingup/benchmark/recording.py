@@ -45,7 +45,8 @@ def save_trajectory(path: str | Path, trajectory: Trajectory, zeros: ArrayLike =
 
     A file has the angles that the encoders show: from their ``zeros`` (rad).
     """
-    parts = (trajectory.time, np.asarray(trajectory.x) + np.append(zeros, NO_ZEROS), trajectory.u)
+    x = np.asarray(trajectory.x) + np.append(zeros, NO_ZEROS) if np.any(zeros) else trajectory.x
+    parts = (trajectory.time, x, trajectory.u)
     table = np.column_stack([np.asarray(part, np.float64) for part in parts])
     names = itertools.chain(*(choices[0] for choices in _GROUPS))
     write_columns(path, dict(zip(names, table.T, strict=True)))
