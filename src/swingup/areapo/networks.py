@@ -214,9 +214,8 @@ def product(weight: Float[Array, "out in"], x: Float[Array, "in *batch"]) -> Flo
     groups of inputs, and the groups in double, in half the time; a shipped policy's torque changes by at most
     2e-5 N m. Layers with few inputs or few outputs cost little without it.
     """
-    if (weight.dtype, x.dtype) != (jnp.dtype(jnp.float32), jnp.dtype(jnp.float64)) or min(
-        weight.shape
-    ) < FLOAT32_SUM_WIDTH:
+    mixed = weight.dtype == jnp.dtype(jnp.float32) and x.dtype == jnp.dtype(jnp.float64)
+    if not mixed or min(weight.shape) < FLOAT32_SUM_WIDTH:
         return weight @ x
     rounded = x.astype(weight.dtype)
     parts = [slice(start, start + FLOAT32_SUM_WIDTH) for start in range(0, len(x), FLOAT32_SUM_WIDTH)]

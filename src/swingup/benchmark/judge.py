@@ -230,7 +230,7 @@ def _passive_torque(batch: SimulatedBatch, robot: Robot, board: AbstractBoard) -
     if (rows := batch.trajectory) is None or rows.record is None:
         return 0.0
     own = (rows.time < board.duration) & rows.record.alone & ~rows.record.over
-    return float(np.fmax.reduce(np.abs(rows.record.u[own, 1 - robot.joint]), initial=0.0))
+    return float(np.nanmax(np.abs(rows.record.u[own, 1 - robot.joint]), initial=0.0))
 
 
 def _depth(setting: Setting, cases: Sequence[Case]) -> int:
