@@ -103,7 +103,7 @@ class Diagnosis:
             return f"{self.named.name}: {self.named.text}"
         if not self.own:
             return "the torques of this log are not the policy's: see the notes"
-        return "nothing is wrong that this log shows"
+        return "this log shows nothing wrong"
 
     @property
     def lines(self) -> list[str]:
