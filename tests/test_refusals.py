@@ -9,6 +9,7 @@ import math
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.wrappers import FrameStackObservation, TimeLimit
 
 from benchmark.controllers import HANGING
 from learner.environments import LENT, TINY, Lever, Noisy
@@ -68,6 +69,12 @@ def c1(**numbers):
 
 class Choosing(AcrobotPractice):
     choices = (3, 2)
+
+
+class Truthful(Lever):
+    def step(self, state, action, key):
+        step = super().step(state, action, key)
+        return dataclasses.replace(step, reward=step.reward > 1.0)
 
 
 LEARNER = {"env": Noisy, "preset": "continuing"} | TINY
@@ -177,6 +184,12 @@ TOGETHER = {
     "the acrobot, not the pendubot": lambda: loop_controller(get_controller("lqr", "acrobot"), "pendubot"),
     "form numpy is not for a pendulum: use realaigym": lambda: export_folder(ADAPTIVE, "out", "numpy"),
     "has no resets to choose": lambda: gymnasium.make("swingup/ContinuingSwimmer-v0", resets="chosen"),
+    "TimeLimit around FrameStackObservation is not in Gymnasium's spec": lambda: AREAPO(
+        TimeLimit(FrameStackObservation(gymnasium.make("CartPole-v1"), 2), 100), **TINY
+    ),
+    "TimeLimit around TimeLimit": lambda: AREAPO(TimeLimit(gymnasium.make("CartPole-v1"), 1000), **TINY),
+    "log_std_init has no effect on discrete actions": lambda: AREAPO(Noisy, log_std_init=-1.0, **TINY),
+    "reward of step() of Truthful is bool": lambda: check_task(Truthful()),
     "an environment that was passed in serves one": lambda: AREAPO(Noisy(), seeds=2, **LENT),
     "callback = 3": lambda: AREAPO(Noisy, **TINY).learn(64, 3),
     "1024 of 1024 steps gave a reward that is not finite": lambda: AREAPO(Lever(first=math.nan), **TINY).learn(64),

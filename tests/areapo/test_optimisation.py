@@ -150,6 +150,17 @@ def test_what_a_schedule_changes_and_leaves(schedule, cycles, done, expected):
         assert right is None or float(value) == pytest.approx(right, rel=1e-5)
 
 
+@pytest.mark.parametrize("before", [(1.0, 1.0), (0.8, 0.95), (0.9, 0.98)])
+def test_no_lambda_rises_or_jumps(before):
+    config = dataclasses.replace(SCHEDULE, schedule="anneal_lambda", gae_lambda=before)
+    found = jax.jit(jax.vmap(lambda done: jnp.stack(scheduled(config, done).gae_lambda)))(jnp.arange(102))
+    np.testing.assert_allclose(found[0], before, atol=0.0011)
+    np.testing.assert_allclose(found[-1], np.minimum(before, 0.9), rtol=1e-6)
+    steps = np.diff(found, axis=0)
+    assert steps.max() <= 0.0
+    assert steps.min() > -0.01
+
+
 def test_cycles_are_of_whole_iterations_and_a_constant_schedule_changes_nothing():
     config = dataclasses.replace(SCHEDULE, schedule_frames=99_001)  # 100 iterations, rounded up
     assert float(scheduled(config, jnp.array(99)).learning_rate) < 2e-4

@@ -11,6 +11,7 @@ import swingup
 from array_files import change_file
 from refusals import refusal
 from swingup.benchmark.recording import load_trajectory
+from swingup.cli import main
 from swingup.controllers.baselines.baselines import shipped_reference
 from swingup.controllers.baselines.settings import OPTIMAL_SETTINGS, PUBLISHED_SETTINGS, SEARCH
 from swingup.controllers.baselines.tracking import RiccatiController
@@ -26,6 +27,7 @@ from swingup.controllers.swingups.reference import (
 from swingup.controllers.swingups.transition import PendulumTransition, TorqueRateTransition
 from swingup.dynamics.dynamics import UPRIGHT
 from swingup.dynamics.integrate import rk4_step
+from swingup.plant.files import save_plant
 from swingup.plant.plant import LEADERBOARD, ROBOTS
 
 ACROBOT = ROBOTS["acrobot"]
@@ -134,6 +136,17 @@ def test_the_judge_reads_a_trajectory_as_a_run(tmp_path, robot):
     np.testing.assert_array_equal(table[:, 1:5], reference.states)
     np.testing.assert_array_equal(table[:, 5 + robot.joint], reference.torque)
     swingup.score(load_trajectory(tmp_path / "r.csv"), robot)
+
+
+def test_a_swing_up_for_encoders_with_zeros_shows_their_angles(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    save_plant("off.yml", LEADERBOARD.changed(zero1=0.1, zero2=-0.05))
+    words = "export tvlqr --robot acrobot --to trajectory --plant off.yml --out off.csv"
+    assert main(words.split()) == 0
+    table = np.genfromtxt("off.csv", delimiter=",", names=True)
+    assert (table["pos1"][0], table["pos2"][0]) == (0.1, -0.05)
+    ends = [np.sin(table[name][-1] - zero) for name, zero in (("pos1", 0.1), ("pos2", -0.05))]
+    np.testing.assert_allclose(ends, 0.0, atol=0.02)
 
 
 def test_gains_act_as_realaigyms_controller_has_them(tmp_path, robot, x64):

@@ -4,6 +4,7 @@ import importlib
 import sys
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 
 import swingup
@@ -11,7 +12,7 @@ from benchmark import controllers
 from policies import lone_policy
 from refusals import refusal
 from swingup.controllers.baselines.upright import LatchingSwitch
-from swingup.controllers.interface import split_time
+from swingup.controllers.interface import AbstractController, split_time
 from swingup.controllers.registry import get_controller, has_estimator
 from swingup.controllers.stack.policy import PolicyController, save_controller
 from swingup.plant.plant import LEADERBOARD
@@ -55,6 +56,27 @@ def test_controllers_of_modules(monkeypatch):
     assert not has_estimator(named(plain, False))
     told = "'benchmark.controllers:MINE': it is for the pendubot"
     assert told in refusal(named, swingup.baseline("lqr", "pendubot"), True)
+
+
+def test_an_own_controller_sees_the_encoders_angles_with_and_without_an_estimator(monkeypatch):
+    class Showing(AbstractController):
+        places: int = 2  # a shape
+        on: bool = True  # a branch
+
+        def init(self):
+            return jnp.zeros(self.places)
+
+        def __call__(self, carry, t, x):
+            return x[:2], x[:2] if self.on else carry
+
+    monkeypatch.setattr(controllers, "MINE", Showing(), raising=False)
+    plant = LEADERBOARD.changed(zero1=0.2, zero2=-0.3)
+    shown = jnp.array([0.2, -0.3, 0.0, 0.0])  # it hangs
+    for wanted in (None, True):
+        found = get_controller("benchmark.controllers:MINE", "acrobot", wanted, design=plant)
+        _, u = found(found.init(), jnp.zeros(()), shown)
+        np.testing.assert_allclose(u[1], shown[1], atol=1e-6)
+        swingup.judge(found, "acrobot", plant=plant)
 
 
 def test_the_working_folder_comes_first_only_while_a_module_is_imported(tmp_path, monkeypatch):

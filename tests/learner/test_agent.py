@@ -23,6 +23,7 @@ from swingup.learner.metrics import read_metrics
 from swingup.learner.run_folder import RunFolder
 from swingup.plant.plant import ROBOTS
 from swingup.tasks.presets import smooth_task
+from swingup.tasks.task import Step
 
 from .environments import LENT, TINY, Failing, Lever, Noisy, Stairs, chains, stairs
 
@@ -156,6 +157,50 @@ def test_a_progress_bar_is_a_terminals_or_a_notebooks(noisy, monkeypatch, capfd,
     )
     output, errors = capfd.readouterr()
     assert (output, f"{noisy.frames:,} frames" in errors) == ("", not notebook)
+
+
+def test_what_is_being_trained_on_is_not_evaluated_on():
+    env, refused = Noisy(), []
+
+    def evaluate(model, report):
+        refused.extend(refusal(entry) for entry in (lambda: play(model, env), lambda: model.evaluate(env=env)))
+
+    settings = LENT | {"num_envs": 1, "batch_size": 16}
+    model = AREAPO(env, **settings).learn(64, evaluate)
+    assert len(refused) == 2
+    assert all("is being trained on, and its episode would be lost" in told for told in refused)
+    assert play(model, env, 2).lengths  # now nothing is lost: the next learn begins with a reset
+
+
+def test_a_task_may_show_whole_numbers():
+    """They are normalised in training, in evaluations and in predict alike."""
+
+    class Counting(Lever):
+        def observe(self, state):
+            return state.astype(int)[None]
+
+        def step(self, state, action, key):
+            right = (state < 5.0) == (action[0] > 0)  # what the count says
+            after = state + 1.0
+            return Step(
+                after, self.observe(after), jnp.where(right, 1.0, 0.0), jnp.array(False), after >= self.ends
+            )
+
+    model = AREAPO(
+        Counting(), "ppo", seed=0, **(TINY | {"num_steps": 128, "batch_size": 64, "learning_rate": 1e-2})
+    )
+    model.learn(12_000)
+    actions = model.predict(np.arange(10.0, dtype=np.float32)[:, None], deterministic=True)[0].ravel()
+    counts = np.arange(10)
+    assert model.evaluate()["score"] == np.sum((counts < 5) == (actions > 0)) > 6
+
+
+def test_a_discounted_rival_of_the_average_reward_has_a_folder(tmp_path):
+    changes = {"gain": "none", "terminations": "end", "discount": (0.99, 0.99), "centre_values": False}
+    model = AREAPO(Noisy, "continuing", folder=tmp_path / "run", **changes, **TINY).learn(64)
+    assert {name: model.settings.changes[name] for name in changes} == changes
+    model.export_policy(tmp_path / "p.safetensors")
+    assert load_policy(tmp_path / "p.safetensors").task
 
 
 def test_callbacks_see_reports_and_may_stop():

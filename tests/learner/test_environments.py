@@ -255,6 +255,28 @@ def test_lists_are_as_good_as_arrays_and_buffers_are_copied():
     assert (step.rewards.dtype, step.true_next.dtype) == (np.float32, np.float32)
 
 
+class Reusing(Stairs):
+    """Writes every observation into one array."""
+
+    seen = np.zeros(1)
+
+    def reset(self, *, seed=None, options=None):
+        self.seen[:], info = super().reset(seed=seed)
+        return self.seen, info
+
+    def step(self, action):
+        self.seen[:], *rest = super().step(action)
+        return self.seen, *rest
+
+
+def test_the_last_observation_is_not_that_of_the_reset():
+    environments = make_environments(Reusing, 1)
+    environments.reset(0)
+    steps = [environments.step(np.zeros((1, 2), np.float32)) for _ in range(4)]
+    assert [float(step.true_next[0, 0]) for step in steps] == [1, 2, 3, 1]
+    assert [float(step.following[0, 0]) for step in steps] == [1, 2, 0, 1]
+
+
 class Hanging(Stairs):
     def step(self, action):
         time.sleep(1000)

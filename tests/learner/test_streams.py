@@ -67,6 +67,23 @@ def test_a_plant_is_reset_once_whatever_happens_and_a_loaded_learner_goes_on_bit
     assert second.evaluate(env=Plant())["mean_length"] == 200
 
 
+def test_a_stream_seen_through_another_wrapper_is_refused():
+    plant = Plant()
+    AREAPO(plant, **STREAM).learn(16)
+    wrapped = StackedTwice(plant)
+    assert "observations of shape (1, 1), and has (1, 2) now" in refusal(AREAPO(wrapped, **STREAM).learn, 16)
+    assert plant.resets == 1
+
+
+class StackedTwice(gymnasium.ObservationWrapper):
+    def __init__(self, env):
+        super().__init__(env)
+        self.observation_space = Box(-np.inf, np.inf, (2,), np.float32)
+
+    def observation(self, observation):
+        return np.repeat(observation, 2)
+
+
 def test_who_did_not_see_the_last_steps_goes_on_from_what_the_stream_shows(tmp_path):
     plant = Plant()
     AREAPO(plant, **STREAM).learn(64).save(tmp_path / "model.safetensors")
@@ -141,6 +158,7 @@ def test_what_is_one_stream():
         f"  # env: {model.settings.problem.name}"
     )
     assert AREAPO([Plant, Plant], resets="never").config.num_steps == 1000
+    assert AREAPO([Plant] * 3, resets="never").config.num_steps == 650  # minibatches of 50 divide the rollout
     for env in (Lever(), "acrobot"):
         assert "is compiled, and checkpoints hold its state" in refusal(AREAPO, env, resets="never")
     assert "resets" in refusal(AREAPO, Plant, resets="sometimes")

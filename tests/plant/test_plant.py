@@ -125,6 +125,13 @@ def test_a_domain_with_all_of_a_plants_values_has_that_plant():
     assert resolve(domain={**some, "torque_limit": 0.13}).plant == small
 
 
+def test_one_limit_for_both_motors(tmp_path):
+    (tmp_path / "weak.yml").write_text("plant: C.1\ntorque_limit: 3\n")
+    assert load_plant(tmp_path / "weak.yml").values() == resolve(tmp_path / "weak.yml").facts.values()
+    (tmp_path / "both.yml").write_text("plant: C.1\ntorque_limit: 3\ntl2: 6\n")
+    assert "tl2 and torque_limit say the same" in refusal(load_plant, tmp_path / "both.yml")
+
+
 def test_mass_matrix_must_be_definite():
     # Without a rotor det M = I2 (I1 + m2 l1²) - (m2 l1 r2 cos q2)²; here 0.5 (0.5 + 1) - 1 < 0 at cos q2 = ±1.
     plant = dataclasses.replace(C1, m2=1.0, l1=1.0, r2=1.0, I1=0.5, I2=0.5, Ir=0.0)

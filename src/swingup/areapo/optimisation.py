@@ -12,6 +12,7 @@ from ..common.types import Count, Key, Scalar
 from .config import Config
 
 ADAM_EPSILON = 1e-5  # Adam's ε (authors' code)
+SMALLEST_START = 1e-3  # Smallest 1 - λ from which the schedule anneal_lambda starts
 FINAL_LAMBDA = 0.9  # λ at the end of the schedule anneal_lambda, when the critic is trained
 WORD_BITS = 32  # Bits of each number that is sorted for a random order
 MIN_RANDOM_BITS = 12  # Random bits of each such number that shuffle well enough
@@ -41,7 +42,9 @@ def scheduled(config: Config, iterations: Count) -> Config:
     cycle = -(-config.schedule_frames // config.rollout_size)
     if config.schedule == "anneal_lambda":
         fallen = jnp.clip((3.0 * iterations / cycle - 1.0) / 2.0, 0.0, 1.0)
-        maximum = 1.0 - (1.0 - config.gae_lambda[0]) ** (1.0 - fallen) * (1.0 - FINAL_LAMBDA) ** fallen
+        # From the larger λ; from 1 itself it could not fall by a factor.
+        start = jnp.maximum(1.0 - jnp.maximum(*config.gae_lambda), SMALLEST_START)
+        maximum = 1.0 - start ** (1.0 - fallen) * (1.0 - FINAL_LAMBDA) ** fallen
         lambdas: Any = tuple(jnp.minimum(each, maximum) for each in config.gae_lambda)
         return replace(config, gae_lambda=lambdas)
     done, half = iterations % cycle, max(1, cycle // 2)

@@ -228,7 +228,7 @@ def _export_trajectory(name: str, robot: Robot, out: str, plant: PlantOptions, s
         command = command_line("export", name, robot=robot.name, to=TRAJECTORY, **plant, seed=seed, out=out)
         provenance |= {"plant": write_plant(on.driven(robot)), "command": command}
     if has_suffix(out, ".csv"):
-        save_reference_csv(out, reference)
+        save_reference_csv(out, reference, on.zeros)
     else:
         save_reference(out, reference, provenance)
     tell(out, *(f"{name:<20}{value}" for name, value in (provenance | on.summary(robot)).items()))

@@ -261,7 +261,7 @@ def identify_command(
     if out:
         domain = found.save(*out)
         if not json:
-            command = f"swingup evaluate ROBOT --board sim2real --domain {quote(str(domain))}"
+            command = f"swingup evaluate ROBOT --board sim2real --plant {quote(str(domain))} --domain recorded"
             tell("", f"wrote {', '.join(out)} and {domain}: try a controller with {command}")
     return 0
 

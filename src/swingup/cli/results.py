@@ -84,7 +84,7 @@ WHAT_TO_TRY = {
 """Advice for each of a failure's causes."""
 REFINED, REFINE = (
     ("no swing-up", "beyond a limit"),
-    "; swingup refine ROBOT --recipe adapt --domain FILE --out FILE",
+    "; swingup refine ROBOT --recipe adapt --plant FILE --out FILE",
 )
 """Causes against which a policy can be refined, and the advice."""
 MAX_SHOWN_SEEDS = 8

@@ -179,8 +179,8 @@ def check_interface(controller: AbstractController[Any]) -> None:
 
 def split(controller: AbstractController[Any]) -> tuple[Any, Any]:
     """Split into the numbers, which are arguments of compiled programs, and the rest, which is compiled in."""
-    # Numbers as well: controllers that differ in them alone share a program.
-    return eqx.partition(controller, eqx.is_array_like)
+    # Floats as well: controllers that differ in them alone share a program. An int may be a shape, a bool a branch.
+    return eqx.partition(controller, lambda leaf: eqx.is_array_like(leaf) and not isinstance(leaf, int))
 
 
 def check_robot(source: Any, robot: Robot) -> None:

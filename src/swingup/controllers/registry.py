@@ -69,6 +69,8 @@ def get_controller(
             f"controller {quoted(name)} is in plain Python: an estimator goes only before policies and controllers "
             "in JAX"
         )
+    if name not in BASELINES:  # it is shown what the encoders show, as without an estimator
+        found = from_zeros(found, design.changed(zero1=-design.zero1, zero2=-design.zero2))
     with naming(f"controller {quoted(name)}"):
         return from_zeros(with_estimator(found, robot, design.driven(robot)), design)
 

@@ -1,6 +1,7 @@
 """The interfaces of a back end, which steps the environments of a run's seeds, and of its policies' evaluator."""
 
 import abc
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -101,6 +102,10 @@ class AbstractBackend(abc.ABC):
     @abc.abstractmethod
     def evaluate(self, policies: Sequence[Policy[Any]]) -> list[Evaluation]:
         """The results of the policies of all seeds, by which :func:`.rank` compares them."""
+
+    def occupied(self) -> contextlib.AbstractContextManager[None]:
+        """While a run advances, also in its callbacks: nobody else may reset environments that were passed in."""
+        return contextlib.nullcontext()
 
     def memory(self) -> Any:
         """What it knows of its environments beside the learner's state, as JSON values, for a checkpoint."""

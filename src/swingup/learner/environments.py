@@ -9,13 +9,14 @@ A stream is reset once in its life, whoever learns from it. Its environment says
 action came too late: the state had moved on from the observation that it was chosen for.
 """
 
+import contextlib
 import copy
 import functools
 import importlib
 import multiprocessing
 import time
 import weakref
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -23,6 +24,7 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Discrete, MultiDiscrete
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
+from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
 from jaxtyping import Bool, Float32, Shaped
 
 from .. import gym  # noqa: F401 (registers swingup's own ids)
@@ -49,6 +51,9 @@ OWN_RESETS = "own_resets"  # Attribute of continuing tasks: the resets that they
 RUNNING: dict[int, Float32[np.ndarray, "envs n"]] = {}
 """What each stream that was reset showed last, by its identity: a second learner goes on where the first left off.
 An environment need not be hashable; its entry goes with it."""
+
+OCCUPIED: set[int] = set()
+"""Environments that were passed in and that are being trained on, by their identities."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +130,13 @@ class Environments:
     @property
     def latest(self) -> Float32[np.ndarray, "envs n"] | None:
         """What a stream showed last; None before its only reset."""
-        return RUNNING.get(id(self._source)) if self.stream else None
+        found = RUNNING.get(id(self._source)) if self.stream else None
+        if found is not None and found.shape != (wanted := (self.num_envs, self.spaces.observation_size)):
+            raise SwingupError(
+                f"{self._name} ran before with observations of shape {found.shape}, and has {wanted} now: pass it "
+                "with the same wrappers"
+            )
+        return found
 
     @property
     def own_resets(self) -> int:
@@ -177,6 +188,16 @@ class Environments:
             self.episodes.append((float(self._returns[index]), int(self._lengths[index])))
             self._returns[index], self._lengths[index] = 0.0, 0
         return step
+
+    @contextlib.contextmanager
+    def occupied(self) -> Iterator[None]:
+        """Nobody else may reset environments that were passed in."""
+        mine = {id(self._source)} if self._lent else set()
+        OCCUPIED.update(mine)
+        try:
+            yield
+        finally:
+            OCCUPIED.difference_update(mine)
 
     def close(self) -> None:
         """Close the environments, unless their owner does."""
@@ -334,6 +355,7 @@ def _makers(env: Any, stream: bool) -> Sequence[Callable[[], Any]] | Callable[[]
         # A wrapper that records no arguments has None here.
         if stream or spec is None or any(wrapper.kwargs is None for wrapper in spec.additional_wrappers):
             return [lambda: env]
+        _refuse_outer_limit(env)
         # One window is for people; eight of them and five for the evaluation are not.
         window = {"render_mode": None} if spec.kwargs.get("render_mode") == "human" else {}
         return functools.partial(gymnasium.make, spec, **window)
@@ -342,6 +364,20 @@ def _makers(env: Any, stream: bool) -> Sequence[Callable[[], Any]] | Callable[[]
     if callable(env):
         return env
     raise SwingupError(f"{type(env).__name__} {one_line(env, 200)} cannot be trained on: use {MAKES_SENSE}")
+
+
+def _refuse_outer_limit(env: Any) -> None:
+    """Refuse a time limit around another wrapper or a shorter limit: copies by Gymnasium's ``spec`` lack both."""
+    outermost: Any = None
+    # Down to the wrappers that gymnasium.make puts around every environment.
+    while isinstance(env, gymnasium.Wrapper) and not isinstance(env, PassiveEnvChecker | OrderEnforcing):
+        limit = env._max_episode_steps if isinstance(env, TimeLimit) else 0
+        if outermost is not None and limit < outermost._max_episode_steps:
+            raise SwingupError(
+                f"TimeLimit around {type(env).__name__} is not in Gymnasium's spec, by which environments are "
+                "copied: pass the function that makes it, as in AREAPO(lambda: ...)"
+            )
+        outermost, env = (env if outermost is None and limit > 0 else outermost), env.env
 
 
 def make_by_id(name: str, **options: Any) -> Any:
@@ -353,7 +389,11 @@ def make_by_id(name: str, **options: Any) -> Any:
 
 
 def refuse_running(env: Any, name: str) -> None:
-    """Refuse to reset an environment that runs as a stream."""
+    """Refuse to reset an environment that runs as a stream, or that a learner steps."""
+    if id(env) in OCCUPIED:
+        raise SwingupError(
+            f"{name} is being trained on, and its episode would be lost: take another one, or the report's score"
+        )
     if id(env) in RUNNING:
         raise SwingupError(
             f"{name} runs as a stream that is never reset: take another one, or the stream's reward rate"
@@ -462,8 +502,11 @@ class CheckedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
         if self._stream and (terminated or truncated):  # before a vector environment would take note of the end
             _refuse_end(one_line(self.env, 100), terminated)
         kept = {LATE: True} if isinstance(info, Mapping) and info.get(LATE) else {}
-        if (terminated or truncated) and isinstance(info, Mapping) and SUCCESS in info:
-            kept[SUCCESS] = bool(info[SUCCESS])
+        if terminated or truncated:
+            # A vector environment resets now, which may write into the same array.
+            observation = copy.deepcopy(observation)
+            if isinstance(info, Mapping) and SUCCESS in info:
+                kept[SUCCESS] = bool(info[SUCCESS])
         return observation, reward, bool(terminated), bool(truncated), kept
 
     def _check(self, method: str, returned: Any, form: str) -> None:

@@ -6,7 +6,7 @@ Its evaluator plays episodes in environments of its own; their mean return is th
 import contextlib
 import functools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -189,6 +189,14 @@ class HostBackend(AbstractBackend):
         """The results of all seeds: of episodes that are played, or of the training since the last report."""
         # In the caller's thread, on which an environment may depend.
         return self._training_results if self._scored_by_training else list(map(self.evaluator.evaluate, policies))
+
+    @contextlib.contextmanager
+    def occupied(self) -> Iterator[None]:
+        """Of all seeds."""
+        with contextlib.ExitStack() as stack:
+            for each in self._environments:
+                stack.enter_context(each.occupied())
+            yield
 
     def memory(self) -> list[bool]:
         """Whether the environments of each seed ever said whether an end is a success."""

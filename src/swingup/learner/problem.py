@@ -6,6 +6,7 @@ intervals, its record in a run's files and its name on the command line, and mak
 
 import abc
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -333,7 +334,10 @@ class HostProblem(AbstractEnvironmentProblem):
         number = self.own_number
         if self.stream:
             number = number or 1
-            return {"num_envs": number, "num_steps": max(1, config.rollout_size // number)}
+            # So many steps that minibatches divide the rollout.
+            multiple = config.batch_size // math.gcd(config.batch_size, number)
+            steps = config.rollout_size // number // multiple * multiple
+            return {"num_envs": number, "num_steps": max(multiple, steps)}
         return {} if number is None else {"num_envs": number}
 
     @property

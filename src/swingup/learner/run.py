@@ -143,7 +143,8 @@ class Run:
         target = math.ceil(self.goal / self.settings.config.rollout_size)
         folder, nothing = self._folder, contextlib.nullcontext()
         locked = nothing if folder is None else folder.locked(self.frames)
-        with locked, nothing if folder is None else MetricsWriter(folder.path, self.frames) as writer:
+        writing = nothing if folder is None else MetricsWriter(folder.path, self.frames)
+        with locked, self.backend.occupied(), writing as writer:
             if folder is not None:
                 write_run_settings(folder.path, self.settings, self.goal)
             if self.settings.problem.stream and self.backend.pause is None:

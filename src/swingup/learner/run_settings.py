@@ -71,7 +71,15 @@ class RunSettings:
     def make_backend(self) -> AbstractBackend:
         """The back end of these settings."""
         seeds = range(self.seed, self.seed + self.seeds)
-        return self.problem.backend(self.preset, self.config, seeds, self.evaluation_episodes)
+        backend = self.problem.backend(self.preset, self.config, seeds, self.evaluation_episodes)
+        if backend.evaluator.action_space.choices and (
+            vain := [name for name in OF_DEVIATIONS if name in self.changes]
+        ):
+            backend.close()
+            raise SwingupError(
+                f"{vain[0]} has no effect on discrete actions, which have no deviation: leave it out"
+            )
+        return backend
 
     def next_stop(self, iterations: int, target: int) -> int:
         """The iteration that ends the next chunk: where a report or a checkpoint is due, at most ``target``."""
@@ -110,7 +118,8 @@ class RunSettings:
     def changes(self) -> dict[str, Any]:
         """The hyperparameters that differ from those that the preset has with the others."""
         mine, preset = vars(self.config), vars(get_preset(self.preset).config)
-        usual = vars(config_for(self.problem, self.preset, {name: mine[name] for name in UNITS}))
+        # Not a Config: the preset's others may not go with these.
+        usual = _values_for(self.problem, self.preset, {name: mine[name] for name in UNITS})
         usual |= {name: preset[name] for name in UNITS}
         return {name: value for name, value in mine.items() if value != usual[name]}
 
@@ -144,18 +153,23 @@ def make_run_settings(
     return RunSettings(problem, chosen, config=config, **values)
 
 
+OF_DEVIATIONS = ("log_std_init", "excess_coefficient")  # Hyperparameters without effect on discrete actions
 UNITS = ("terminations", "schedule")  # Hyperparameters on which the meaning of another one depends
 
 
 def config_for(problem: AbstractProblem, preset: str, changes: Mapping[str, Any]) -> Config:
     """The hyperparameters of a preset for a problem, with changes by name; misspelt names are refused."""
+    return config_from_dict(_values_for(problem, preset, changes), ("env", "folder", *SETTINGS))
+
+
+def _values_for(problem: AbstractProblem, preset: str, changes: Mapping[str, Any]) -> dict[str, Any]:
     usual, sizes = get_preset(preset).config, {}
     if changes.get("terminations", usual.terminations) != usual.terminations:
         sizes["reset_cost"] = Config.reset_cost  # the preset's has another unit
     if changes.get("schedule", usual.schedule) != usual.schedule:
         sizes["schedule_frames"] = get_preset(preset).frames  # the preset's is for another schedule
     sizes |= problem.sizes(usual)
-    return config_from_dict(vars(usual) | sizes | dict(changes), ("env", "folder", *SETTINGS))
+    return vars(usual) | sizes | dict(changes)
 
 
 def settings_of_policy(metadata: Mapping[str, Any], env: Any = None) -> RunSettings:

@@ -102,6 +102,10 @@ def _model_plant(path: str | Path, name: str) -> Plant:
 def _read_plant(file: str) -> Plant:
     entries = _entries(file)
     base = base_plant(entries["plant"], Path(file).parent).values() if "plant" in entries else {}
+    if (both := "torque_limit") in entries:  # a domain's name
+        if twice := [name for name in ("tl1", "tl2") if name in entries]:
+            raise SwingupError(f"{', '.join(twice)} and {both} say the same: give one of them")
+        entries |= dict.fromkeys(("tl1", "tl2"), entries[both])
     for name in NAMES:
         if isinstance(entries.get(name), list):
             raise SwingupError(f"{name} = {quoted(entries[name])} {RANGE_REFUSED}")

@@ -129,6 +129,8 @@ def check_task(task: AbstractTask[Any]) -> None:
             raise SwingupError(f"{what} of {name} has shape {shape}: the task needs {wanted}")
         if what.startswith("t") and value.dtype != bool:
             raise SwingupError(f"{what} of {name} is {value.dtype}: give a truth value")
+        if what.startswith("reward") and value.dtype == bool:
+            raise SwingupError(f"{what} of {name} is bool: give a number")
     if before != after:
         raise SwingupError(f"step() of {name} changes shapes or types of the state: keep those of reset()")
 

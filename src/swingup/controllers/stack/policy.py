@@ -38,8 +38,10 @@ class Policy(eqx.Module, Generic[ActorT]):
         return any(isinstance(stage, PlantStage) for stage in self.stages)
 
     def observe(self, observation: Observation, base: Float[Any, "9"] | None = None) -> Observation:
-        """Apply the stages, with θ of the plant where they show it; the result has the observation's dtype."""
+        """Apply the stages, with θ of the plant where they show it; the result has the observation's precision."""
         observation = jnp.asarray(observation)
+        if not jnp.issubdtype(observation.dtype, jnp.floating):  # its normalised values are no whole numbers
+            observation = observation.astype(jnp.float32)
         dtype = observation.dtype
         for stage in self.stages:
             observation = stage(observation, base)

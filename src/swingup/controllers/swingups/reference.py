@@ -76,8 +76,8 @@ def load_reference(path: str | Path) -> tuple[Reference, dict[str, Any]]:
     return Reference(robot=get_robot(metadata["robot"]), dt=dt, **fields), metadata
 
 
-def save_reference_csv(path: str | Path, reference: Reference) -> None:
-    """Write a swing-up atomically, exactly, with its gains.
+def save_reference_csv(path: str | Path, reference: Reference, zeros: tuple[float, float] = (0.0, 0.0)) -> None:
+    """Write a swing-up atomically, with its gains and the angles that encoders with these zeros (rad) show.
 
     Raises:
         SwingupError: the file cannot be written.
@@ -85,6 +85,6 @@ def save_reference_csv(path: str | Path, reference: Reference) -> None:
     driven = np.array(reference.robot.actuation)
     # The gains stand in the driven joint's row; the passive joint's row is 0.
     torques, gains = np.outer(reference.torque, driven), np.kron(driven, np.asarray(reference.gains))
-    table = np.column_stack([reference.time, reference.states, torques, gains])
+    table = np.column_stack([reference.time, np.add(reference.states, [*zeros, 0.0, 0.0]), torques, gains])
     names = ("time", "pos1", "pos2", "vel1", "vel2", "tau1", "tau2", *GAIN_COLUMNS)
     write_columns(path, dict(zip(names, table.T, strict=True)))
