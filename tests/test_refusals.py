@@ -184,10 +184,10 @@ TOGETHER = {
     "the acrobot, not the pendubot": lambda: loop_controller(get_controller("lqr", "acrobot"), "pendubot"),
     "form numpy is not for a pendulum: use realaigym": lambda: export_folder(ADAPTIVE, "out", "numpy"),
     "has no resets to choose": lambda: gymnasium.make("swingup/ContinuingSwimmer-v0", resets="chosen"),
-    "TimeLimit around FrameStackObservation is not in Gymnasium's spec": lambda: AREAPO(
+    "puts TimeLimit inside FrameStackObservation: pass the function": lambda: AREAPO(
         TimeLimit(FrameStackObservation(gymnasium.make("CartPole-v1"), 2), 100), **TINY
     ),
-    "TimeLimit around TimeLimit": lambda: AREAPO(TimeLimit(gymnasium.make("CartPole-v1"), 1000), **TINY),
+    "puts TimeLimit inside TimeLimit": lambda: AREAPO(TimeLimit(gymnasium.make("CartPole-v1"), 1000), **TINY),
     "log_std_init has no effect on discrete actions": lambda: AREAPO(Noisy, log_std_init=-1.0, **TINY),
     "reward of step() of Truthful is bool": lambda: check_task(Truthful()),
     "an environment that was passed in serves one": lambda: AREAPO(Noisy(), seeds=2, **LENT),

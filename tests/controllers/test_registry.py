@@ -12,7 +12,7 @@ from benchmark import controllers
 from policies import lone_policy
 from refusals import refusal
 from swingup.controllers.baselines.upright import LatchingSwitch
-from swingup.controllers.interface import AbstractController, split_time
+from swingup.controllers.interface import AbstractController, from_zeros, split_time
 from swingup.controllers.registry import get_controller, has_estimator
 from swingup.controllers.stack.policy import PolicyController, save_controller
 from swingup.plant.plant import LEADERBOARD
@@ -77,6 +77,21 @@ def test_an_own_controller_sees_the_encoders_angles_with_and_without_an_estimato
         _, u = found(found.init(), jnp.zeros(()), shown)
         np.testing.assert_allclose(u[1], shown[1], atol=1e-6)
         swingup.judge(found, "acrobot", plant=plant)
+
+
+def test_a_controller_behind_zeros_is_still_for_its_robot():
+    off = LEADERBOARD.changed(zero1=0.1)
+    found = swingup.baseline("lqr", "acrobot", off)
+    told = "it is for the acrobot, not the pendubot"
+    assert told in refusal(swingup.judge, get_controller("lqr", "acrobot", design=off), "pendubot", plant=off)
+    assert told in refusal(swingup.judge, from_zeros(found, off), "pendubot", plant=off)
+
+
+def test_a_state_of_whole_numbers_is_a_state():
+    policy, _ = lone_policy("ar-eapo", "acrobot")
+    torques = [policy(None, 0.0, jnp.array(x))[1] for x in ([3, 0, 0, 0], [3.0, 0.0, 0.0, 0.0])]
+    np.testing.assert_array_equal(*torques)
+    assert abs(float(torques[0][1])) > 1e-3
 
 
 def test_the_working_folder_comes_first_only_while_a_module_is_imported(tmp_path, monkeypatch):

@@ -172,6 +172,34 @@ def test_what_is_being_trained_on_is_not_evaluated_on():
     assert play(model, env, 2).lengths  # now nothing is lost: the next learn begins with a reset
 
 
+@pytest.mark.parametrize(("seeds", "episodes"), [(1, 2), (1, 1), (2, 0)])
+def test_a_function_that_returns_one_environment_is_refused_at_once(seeds, episodes):
+    settings = TINY | {"num_envs": 1, "batch_size": 16, "evaluation_episodes": episodes}
+    env = Noisy()
+    assert "pass the environment itself" in refusal(AREAPO, lambda: env, seeds=seeds, **settings)
+
+
+def test_what_is_trained_on_is_named_and_not_its_wrapper():
+    assert AREAPO(gymnasium.make("CartPole-v1")).settings.problem.name.endswith(".CartPoleEnv>")
+
+
+def test_a_tasks_whole_numbers_are_traced():
+    class Sized(Lever):
+        n: int = 1
+
+        def observe(self, state):
+            return jnp.full(self.n, state)
+
+    assert "a field that is a shape, a branch or a word" in refusal(AREAPO, Sized(), **TINY)
+
+
+def test_a_policy_goes_on_learning_on_one_environment(tmp_path):
+    AREAPO(Noisy, **(TINY | {"num_envs": 4})).learn(64).export_policy(tmp_path / "p.safetensors")
+    model = AREAPO.load(tmp_path / "p.safetensors", Noisy())
+    assert (model.config.num_envs, model.config.num_steps, model.config.batch_size) == (1, 64, 32)
+    assert model.learn(64).frames == 64
+
+
 def test_a_task_may_show_whole_numbers():
     """They are normalised in training, in evaluations and in predict alike."""
 

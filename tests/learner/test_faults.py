@@ -26,6 +26,8 @@ from swingup.common.errors import SwingupError
 from swingup.learner.run import resume_run, start_run
 from swingup.learner.run_folder import RunFolder
 
+from .environments import TINY as TINY_LEARNER
+from .environments import Noisy
 from .test_run import FRAMES, SETTINGS, assert_same_files, briefly_judged, measured, run
 
 TINY = shlex.split(
@@ -110,7 +112,21 @@ def test_killed_processes_resume_to_the_same_bits(tmp_path, task):
 def test_who_read_a_checkpoint_before_another_process_trained_does_not_undo_its_work(folder):
     late = resume_run(folder, 4 * FRAMES)
     list(resume_run(folder, 4 * FRAMES).advance())
+    rows = (folder / "metrics.jsonl").read_bytes()
     assert "has moved on to 256 frames" in refusal(list, late.advance())
+    assert (folder / "metrics.jsonl").read_bytes() == rows
+
+
+def test_who_finds_another_process_training_leaves_its_metrics_alone(tmp_path):
+    model = AREAPO(Noisy, folder=tmp_path / "run", **TINY_LEARNER).learn(64)
+    late = resume_run(tmp_path / "run", 256, Noisy)
+    model.learn(64)
+    rows = (tmp_path / "run" / "metrics.jsonl").read_bytes()
+    assert rows.count(b"\n") == 2
+    with model._run._folder.locked(model.frames):
+        assert "another process trains in" in refusal(list, late.advance())
+    assert "has moved on to 128 frames" in refusal(list, late.advance())
+    assert (tmp_path / "run" / "metrics.jsonl").read_bytes() == rows
 
 
 @pytest.mark.parametrize(

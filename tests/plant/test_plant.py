@@ -15,7 +15,7 @@ from swingup.dynamics.dynamics import linearise
 from swingup.loop.draw import draw
 from swingup.loop.resolve import resolve
 from swingup.plant.base_parameters import base_parameters
-from swingup.plant.files import SHIPPED_PLANTS, load_plant
+from swingup.plant.files import SHIPPED_PLANTS, load_plant, save_plant
 from swingup.plant.measured import measured_plant
 from swingup.plant.plant import LEADERBOARD, ROBOTS, ZEROS, get_robot, torque_over_gravity, validated
 from swingup.plant.units import (
@@ -128,6 +128,11 @@ def test_a_domain_with_all_of_a_plants_values_has_that_plant():
 def test_one_limit_for_both_motors(tmp_path):
     (tmp_path / "weak.yml").write_text("plant: C.1\ntorque_limit: 3\n")
     assert load_plant(tmp_path / "weak.yml").values() == resolve(tmp_path / "weak.yml").facts.values()
+    (tmp_path / "base.yml").write_text("plant: weak.yml\nm2: 0.7\n")
+    save_plant(tmp_path / "weak.yml", load_plant("B.0"))
+    lines = [line for line in (tmp_path / "weak.yml").read_text().splitlines() if not line.startswith("tl")]
+    (tmp_path / "weak.yml").write_text("\n".join([*lines, "torque_limit: 3"]))
+    assert load_plant(tmp_path / "base.yml").tl1 == resolve(tmp_path / "base.yml").facts.tl1 == 3.0
     (tmp_path / "both.yml").write_text("plant: C.1\ntorque_limit: 3\ntl2: 6\n")
     assert "tl2 and torque_limit say the same" in refusal(load_plant, tmp_path / "both.yml")
 

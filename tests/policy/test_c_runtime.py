@@ -188,6 +188,28 @@ def test_a_header_needs_no_other_file_and_no_heap():
     assert set(re.findall(r"#include (.*)", text)) == {"<math.h>", "<stdint.h>", "<string.h>", "<avr/pgmspace.h>"}
 
 
+PGMSPACE = """
+#define PROGMEM
+#define pgm_read_float(address) (*(address))
+"""
+
+
+def test_what_an_avrs_library_lacks(tmp_path):
+    """Its branches, compiled here: the self-test of a policy that uses all of them passes."""
+    (tmp_path / "avr").mkdir()
+    (tmp_path / "avr" / "pgmspace.h").write_text(PGMSPACE, encoding="utf-8")
+    text = c_header(policy("acrobot-told"), precision="single")
+    library = compile_header(tmp_path, text, "-D__AVR__", "-I.")
+    assert library.self_test() == 0
+    for given, told in (
+        (c_header(load_policy("ar-eapo", "acrobot"), precision="single"), "do not fit into the first 64 kB"),
+        (c_header(policy("acrobot-told")), "precision single"),
+    ):
+        (tmp_path / "policy.h").write_text(given, encoding="utf-8")
+        (tmp_path / "main.c").write_text('#include "policy.h"\n', encoding="utf-8")
+        assert told in gcc(tmp_path, "gcc", "-D__AVR__", "-I.", "-fsyntax-only", "main.c").stderr
+
+
 TWO = """
 #include "left.h"
 #include "right.h"

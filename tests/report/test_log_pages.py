@@ -103,6 +103,19 @@ def test_drawn_predictions_pass_through_the_log(comparison):
     assert drawn.states[0, 7, :2] == pytest.approx(recording.q[row], abs=0.02)
 
 
+def test_nothing_is_drawn_across_a_gap(comparison):
+    recording = comparison.recording
+    kept = (recording.time < 1.0) | (recording.time > 1.5)
+    rows = {name: each[kept] for name, each in vars(recording).items() if np.shape(each)[:1] == kept.shape}
+    torn = dataclasses.replace(recording, **rows)
+    [position, *_] = report_comparison(dataclasses.replace(comparison, recording=torn)).parts[0].figure.panels
+    log = position.curves[0]
+    inside = (np.asarray(log.x) > 1.0) & (np.asarray(log.x) < 1.5)
+    assert inside.any()
+    assert np.isnan(np.asarray(log.y)[inside]).all()
+    assert np.isfinite(np.asarray(log.y)[~inside]).mean() > 0.9
+
+
 def test_the_page_stands_alone(comparison):
     markup, data = parts_of(render_log_page(report_comparison(comparison)))
     assert [len(figure["panels"]) for figure in data["figures"]] == [5, 2, 2, 5]

@@ -1,5 +1,6 @@
 """Figures of all kinds: what they show of what was given, what is refused, how they are saved; and films."""
 
+import dataclasses
 import functools
 import json
 import math
@@ -102,6 +103,19 @@ def test_learning_curves_have_a_line_a_seed_and_gaps_where_nothing_was_measured(
                    len(line.get_xdata())] for m in (".", "None"))  # fmt: skip
     np.testing.assert_allclose(dots, [[np.nan, 0.4, 0.2], [0, 0.4, 0.2], [0, 0.45, 0.25]])
     np.testing.assert_allclose(best[1:], [[0, 0.4, 0.4], [0, 0.45, 0.45]])
+
+
+def test_long_names_keep_their_legends_apart():
+    names = [f"learning_rate=0.0003,policy_layers=64x64/seed-{seed}" for seed in range(3)]
+    one = figures.Curve("", np.arange(2.0), np.arange(2.0))
+    panel = figures.Panel("x", "y", [dataclasses.replace(one, name=name) for name in names])
+    [legend] = draw(figures.Figure([panel])).legends
+    assert [text.get_text() for text in legend.get_texts()] == names
+
+
+def test_a_short_run_also_says_when_it_is_up():
+    figure = figures.trajectory_figure({"short": swing(rows=601)}, "pendubot")
+    assert "short, up at" in figure.panels[0].title
 
 
 def test_angles_are_unwrapped_and_start_near_hanging():

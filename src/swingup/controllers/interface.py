@@ -122,6 +122,11 @@ class ZeroedController(AbstractController[Carry]):
     zeros: tuple[float, float]  # Shown where the pendulum hangs (rad)
 
     @property
+    def robot(self) -> Any:
+        """The robot that the controller behind says it is for."""
+        return attribute(self.controller, "robot")
+
+    @property
     def passive_limit(self) -> float:
         """Largest torque on the passive joint (N m)."""
         return float(getattr(self.controller, "passive_limit", 0.0))
@@ -132,7 +137,7 @@ class ZeroedController(AbstractController[Carry]):
 
     def __call__(self, carry: Carry, t: TimeLike, x: State) -> tuple[Carry, Torque]:
         """Its torques (N m)."""
-        return self.controller(carry, t, x.at[:2].add(-jnp.stack(self.zeros).astype(x.dtype)))
+        return self.controller(carry, t, x - jnp.stack([*self.zeros, 0.0, 0.0]).astype(jnp.result_type(x, 0.0)))
 
 
 def from_zeros(controller: AbstractController[Any], plant: Plant) -> AbstractController[Any]:

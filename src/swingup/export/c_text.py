@@ -15,7 +15,7 @@ Precision = Literal["double", "single"]
 Value = int | float | str | np.ndarray
 Data = dict[str, Value]  # Numbers, texts and arrays by their names, without the prefix
 
-FUNCTIONS = "atan|cos|exp|expm1|fabs|fmax|fmod|log1p|rint|sin|sqrt|tanh"
+FUNCTIONS = "atan|cos|exp|expm1|fabs|floor|fmax|fmod|log|log1p|rint|sin|sqrt|tanh"
 """What the runtime uses of <math.h>."""
 WORDS = re.compile(
     rf"/\*.*?\*/|\"[^\"\n]*\"|typedef double \w+;|\b(?P<type>double)\b|\b(?P<function>{FUNCTIONS})(?=\()"
@@ -34,7 +34,8 @@ def header(about: str, parts: Mapping[str, Data], top: str, precision: Precision
 
     All names begin with ``name``, since two headers in one program must not share one.
     """
-    code = f"{c_data(parts)}\n{runtime(top)}"
+    total = sum(constant_bytes(part, precision) for part in parts.values())
+    code = f"#define SWINGUP_CONSTANT_BYTES {total}\n{c_data(parts)}\n{runtime(top)}"
     text = f"{about}#ifndef SWINGUP_POLICY_H\n#define SWINGUP_POLICY_H\n\n{in_precision(code, precision)}\n#endif\n"
     return text.replace("swingup_", f"{name}_").replace("SWINGUP_", f"{name.upper()}_")
 

@@ -104,7 +104,7 @@ class AbstractBackend(abc.ABC):
         """The results of the policies of all seeds, by which :func:`.rank` compares them."""
 
     def occupied(self) -> contextlib.AbstractContextManager[None]:
-        """While a run advances, also in its callbacks: nobody else may reset environments that were passed in."""
+        """While a run advances, also in its callbacks: nobody else may reset its environments."""
         return contextlib.nullcontext()
 
     def memory(self) -> Any:

@@ -22,6 +22,7 @@ from typing import Any, NoReturn
 
 import gymnasium
 import numpy as np
+from gymnasium import ActionWrapper, ObservationWrapper, RewardWrapper
 from gymnasium.spaces import Box, Discrete, MultiDiscrete
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
 from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
@@ -40,6 +41,8 @@ MAKES_SENSE = (
     "gymnasium.vector.VectorEnv, an environment of gymnax or envelope, or a task in JAX"
 )
 
+SAME_AGAIN = "returned the same environment again: make a new one in each call"
+
 RESET = ("observations", "infos")
 STEP = ("observations", "rewards", "terminated", "truncated", "infos")  # What Gymnasium's methods return
 PATIENCE = 60.0  # How long the workers of an AsyncVectorEnv may take for a step or a reset (s)
@@ -53,7 +56,7 @@ RUNNING: dict[int, Float32[np.ndarray, "envs n"]] = {}
 An environment need not be hashable; its entry goes with it."""
 
 OCCUPIED: set[int] = set()
-"""Environments that were passed in and that are being trained on, by their identities."""
+"""Environments that are being trained on, by their identities."""
 
 
 @dataclass(frozen=True)
@@ -112,9 +115,11 @@ class Environments:
         self.all_count = mode is not AutoresetMode.NEXT_STEP and not stream
         """Whether no row is spent on a reset, or late."""
         self.stream = stream
-        self._source = (members or [env])[0].unwrapped
+        sources = [each.unwrapped for each in members or [env]]
+        self._source, self.identities = sources[0], set(map(id, sources))
         if not stream:
-            refuse_running(self._source, name)
+            for each in sources:
+                refuse_running(each, name)
         self._env, self._mode, self._name, self._lent = env, mode, name, lent
         self.episodes: list[tuple[float, int]] = []
         """Return and length of each episode that ended since the last reset; who reads them may clear them."""
@@ -191,13 +196,12 @@ class Environments:
 
     @contextlib.contextmanager
     def occupied(self) -> Iterator[None]:
-        """Nobody else may reset environments that were passed in."""
-        mine = {id(self._source)} if self._lent else set()
-        OCCUPIED.update(mine)
+        """Nobody else may reset them."""
+        OCCUPIED.update(self.identities)
         try:
             yield
         finally:
-            OCCUPIED.difference_update(mine)
+            OCCUPIED.difference_update(self.identities)
 
     def close(self) -> None:
         """Close the environments, unless their owner does."""
@@ -320,7 +324,7 @@ def make_environments(env: Any, num_envs: int, stream: bool = False) -> Environm
         several = SyncVectorEnv([functools.partial(_one, make, stream) for make in makers], autoreset_mode=mode)
     try:
         if len({id(each.unwrapped) for each in several.envs}) < num_envs:
-            raise SwingupError(f"{name} returned the same environment again: make a new one in each call")
+            raise SwingupError(f"{name} {SAME_AGAIN}")
         return Environments(several, name, isinstance(env, gymnasium.Env) and own is not None, stream)
     except SwingupError:
         # The caller never sees these environments and cannot close them.
@@ -367,15 +371,16 @@ def _makers(env: Any, stream: bool) -> Sequence[Callable[[], Any]] | Callable[[]
 
 
 def _refuse_outer_limit(env: Any) -> None:
-    """Refuse a time limit around another wrapper or a shorter limit: copies by Gymnasium's ``spec`` lack both."""
+    """Refuse a time limit around a wrapper that may count other steps, or a shorter limit: copies differ."""
     outermost: Any = None
     # Down to the wrappers that gymnasium.make puts around every environment.
     while isinstance(env, gymnasium.Wrapper) and not isinstance(env, PassiveEnvChecker | OrderEnforcing):
         limit = env._max_episode_steps if isinstance(env, TimeLimit) else 0
-        if outermost is not None and limit < outermost._max_episode_steps:
+        changes_steps = not isinstance(env, ActionWrapper | ObservationWrapper | RewardWrapper)
+        if outermost is not None and changes_steps and limit < outermost._max_episode_steps:
             raise SwingupError(
-                f"TimeLimit around {type(env).__name__} is not in Gymnasium's spec, by which environments are "
-                "copied: pass the function that makes it, as in AREAPO(lambda: ...)"
+                f"Gymnasium's spec, by which environments are copied, puts TimeLimit inside {type(env).__name__}: "
+                "pass the function that makes it, as in AREAPO(lambda: ...)"
             )
         outermost, env = (env if outermost is None and limit > 0 else outermost), env.env
 

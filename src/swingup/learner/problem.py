@@ -334,10 +334,7 @@ class HostProblem(AbstractEnvironmentProblem):
         number = self.own_number
         if self.stream:
             number = number or 1
-            # So many steps that minibatches divide the rollout.
-            multiple = config.batch_size // math.gcd(config.batch_size, number)
-            steps = config.rollout_size // number // multiple * multiple
-            return {"num_envs": number, "num_steps": max(multiple, steps)}
+            return {"num_envs": number, "num_steps": filling(config.rollout_size, number, config.batch_size)}
         return {} if number is None else {"num_envs": number}
 
     @property
@@ -429,6 +426,12 @@ def _passed_in(name: str | None, env: Any, stream: bool = False) -> AbstractProb
     return HostProblem(name, adapted, stream)
 
 
+def filling(frames: int, number: int, batch_size: int) -> int:
+    """Steps of so many environments that fill a rollout of about these frames, which minibatches divide."""
+    multiple = batch_size // math.gcd(batch_size, number)
+    return max(multiple, frames // number // multiple * multiple)
+
+
 def _describe(env: Any) -> str:
     """A name for an environment: its id, or its type or function in angle brackets."""
     if isinstance(env, str):
@@ -437,5 +440,6 @@ def _describe(env: Any) -> str:
         env = env[0]
     if isinstance(env, AbstractAdaptedTask):
         env = env.named_after
+    env = getattr(env, "unwrapped", env)  # a wrapper is not what is trained on
     named = env if hasattr(env, "__qualname__") else type(env)
     return f"<{named.__module__}.{named.__qualname__}>"

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..areapo.checkpoint import load_checkpoint, read_metadata
-from ..areapo.networks import Actor
+from ..areapo.networks import Actor, CategoricalActor
 from ..areapo.state import LearnerState
 from ..areapo.statistics import RunningStatistics
 from ..common import __version__
@@ -37,6 +37,7 @@ from .metrics import Evaluation, MetricsWriter, Row, TrainingMetrics
 from .progress import UNRANKED, TrainingProgress, TrainingReport, is_finite, rank, read_progress, score_of
 from .run_folder import BEST, FIRST, LAST, RunFolder, seed_file
 from .run_settings import (
+    OF_DEVIATIONS,
     RunSettings,
     read_run_settings,
     run_settings_from_dict,
@@ -143,8 +144,11 @@ class Run:
         target = math.ceil(self.goal / self.settings.config.rollout_size)
         folder, nothing = self._folder, contextlib.nullcontext()
         locked = nothing if folder is None else folder.locked(self.frames)
-        writing = nothing if folder is None else MetricsWriter(folder.path, self.frames)
-        with locked, self.backend.occupied(), writing as writer:
+        with (
+            locked,
+            self.backend.occupied(),
+            nothing if folder is None else MetricsWriter(folder.path, self.frames) as writer,  # cuts the file
+        ):
             if folder is not None:
                 write_run_settings(folder.path, self.settings, self.goal)
             if self.settings.problem.stream and self.backend.pause is None:
@@ -263,6 +267,10 @@ def start_run(settings: RunSettings, folder: str | Path | None, frames: int) -> 
     backend = settings.make_backend()
     with _closed_on_error(backend):
         state = backend.init()  # compiles for seconds, before the folder is made: interrupted here, nothing is left
+        if isinstance(state.actor, CategoricalActor) and (vain := OF_DEVIATIONS & settings.changes.keys()):
+            raise SwingupError(
+                f"{min(vain)} has no effect on discrete actions, which have no deviation: leave it out"
+            )
         # A reset that is not finite would show only after the first chunk, as a divergence.
         if not is_finite(state.observations):
             fault = backend.find_fault() or "a reset gave an observation that is not finite: correct it there"

@@ -19,7 +19,7 @@ from ..policy.pendulum import PLANT, read_plant
 from ..policy.policy import TASK
 from .backend import AbstractBackend
 from .presets import PRESETS, get_preset
-from .problem import AbstractProblem, make_problem, problem_from_record
+from .problem import AbstractProblem, filling, make_problem, problem_from_record
 
 SETTINGS_FILE = "config.json"
 
@@ -71,15 +71,7 @@ class RunSettings:
     def make_backend(self) -> AbstractBackend:
         """The back end of these settings."""
         seeds = range(self.seed, self.seed + self.seeds)
-        backend = self.problem.backend(self.preset, self.config, seeds, self.evaluation_episodes)
-        if backend.evaluator.action_space.choices and (
-            vain := [name for name in OF_DEVIATIONS if name in self.changes]
-        ):
-            backend.close()
-            raise SwingupError(
-                f"{vain[0]} has no effect on discrete actions, which have no deviation: leave it out"
-            )
-        return backend
+        return self.problem.backend(self.preset, self.config, seeds, self.evaluation_episodes)
 
     def next_stop(self, iterations: int, target: int) -> int:
         """The iteration that ends the next chunk: where a report or a checkpoint is due, at most ``target``."""
@@ -153,7 +145,7 @@ def make_run_settings(
     return RunSettings(problem, chosen, config=config, **values)
 
 
-OF_DEVIATIONS = ("log_std_init", "excess_coefficient")  # Hyperparameters without effect on discrete actions
+OF_DEVIATIONS = {"log_std_init", "excess_coefficient"}  # Hyperparameters without effect on discrete actions
 UNITS = ("terminations", "schedule")  # Hyperparameters on which the meaning of another one depends
 
 
@@ -185,8 +177,10 @@ def settings_of_policy(metadata: Mapping[str, Any], env: Any = None) -> RunSetti
     changes = {name: changes[name] for name in HYPERPARAMETERS if isinstance(changes, Mapping) and name in changes}
     chosen = problem.choose_preset(preset if str(preset) in PRESETS else None)
     sizes = problem.sizes(get_preset(chosen).config)
-    if sizes.get("num_envs") != changes.get("num_envs"):
-        changes |= sizes
+    number = sizes.get("num_envs")
+    if number is not None and number != changes.get("num_envs"):
+        old = config_from_dict(vars(get_preset(chosen).config) | changes)
+        changes |= {"num_envs": number, "num_steps": filling(old.rollout_size, number, old.batch_size)}
     config = config_for(problem, chosen, changes)
     seed = whole_number("seed", metadata.get("seed", 0), 0)
     return RunSettings(problem, chosen, seed, 1, **vars(problem.intervals), config=config)

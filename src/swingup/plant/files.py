@@ -102,10 +102,6 @@ def _model_plant(path: str | Path, name: str) -> Plant:
 def _read_plant(file: str) -> Plant:
     entries = _entries(file)
     base = base_plant(entries["plant"], Path(file).parent).values() if "plant" in entries else {}
-    if (both := "torque_limit") in entries:  # a domain's name
-        if twice := [name for name in ("tl1", "tl2") if name in entries]:
-            raise SwingupError(f"{', '.join(twice)} and {both} say the same: give one of them")
-        entries |= dict.fromkeys(("tl1", "tl2"), entries[both])
     for name in NAMES:
         if isinstance(entries.get(name), list):
             raise SwingupError(f"{name} = {quoted(entries[name])} {RANGE_REFUSED}")
@@ -116,7 +112,12 @@ def _entries(file: str | Path) -> dict[str, Any]:
     # Here, since a robot that runs a policy may lack PyYAML.
     from ..common.yaml_map import read_map
 
-    return read_map(file, "parameter")
+    entries = read_map(file, "parameter")
+    if (both := "torque_limit") in entries:  # a domain's name
+        if twice := [name for name in ("tl1", "tl2") if name in entries]:
+            raise SwingupError(f"{', '.join(twice)} and {both} say the same: give one of them")
+        entries |= dict.fromkeys(("tl1", "tl2"), entries[both])
+    return entries
 
 
 TEMPLATES = {".urdf": "pendulum.urdf", ".xml": "pendulum.xml", ".mjcf": "pendulum.xml"}

@@ -60,15 +60,15 @@ static inline int swingup_follow(swingup_estimator *c, const swingup_plant *plan
     swingup_response(plant, c->state, response);
 
     for (n = 0; n < SWINGUP_DELAYS; n++) {
-        double far = 0.0, against;
+        double distance = 0.0, against;
         for (i = 0; i < 2; i++) {
             const double extra = (c->torques[n] - torque) * response[i];
             const double *d = c->deviations[n];
             drifted[n][i] = d[i] + h * d[i + 2] + 0.5 * h * h * extra;
             drifted[n][i + 2] = d[i + 2] + h * extra;
-            far += (miss[i] - drifted[n][i]) * (miss[i] - drifted[n][i]);
+            distance += (miss[i] - drifted[n][i]) * (miss[i] - drifted[n][i]);
         }
-        evidence[n] = x ? SWINGUP_FADING * c->evidence[n] + log1p(far / SWINGUP_OUTLIER_SQUARED) : c->evidence[n];
+        evidence[n] = x ? SWINGUP_FADING * c->evidence[n] + swingup_log1p(distance / SWINGUP_OUTLIER_SQUARED) : c->evidence[n];
         against = evidence[n] + SWINGUP_DELAY_PENALTY * (double)n;
         if (!swingup_finite(&against, 1)) {
             return 0;

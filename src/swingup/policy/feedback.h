@@ -25,11 +25,11 @@ static inline void swingup_errors(const double x[4], const double target[4], dou
 /* Whether the trajectory leads: from the first call until the pendulum has been near the top. */
 static inline int swingup_leads(swingup_feedback *c, swingup_time t, const double error[4])
 {
-    int i, near = 1;
+    int i, is_near = 1;
     for (i = 0; i < 4; i++) {
-        near = near && fabs(error[i]) < swingup_threshold[i];
+        is_near = is_near && fabs(error[i]) < swingup_threshold[i];
     }
-    c->at_top |= near && swingup_finite(error, 4);
+    c->at_top |= is_near && swingup_finite(error, 4);
     c->begun = c->called ? c->begun : t;
     c->called = 1;
     return !c->at_top;

@@ -134,7 +134,7 @@ static inline void swingup_halve(const double start[2], const double end[2], dou
 static inline double swingup_integral(double rate)
 {
     const double steep = SWINGUP_STEEPNESS * rate;
-    return rate * atan(steep) - log1p(steep * steep) / (2.0 * SWINGUP_STEEPNESS);
+    return rate * atan(steep) - swingup_log1p(steep * steep) / (2.0 * SWINGUP_STEEPNESS);
 }
 
 /* The mean of arctan(steep v) while a rate v goes straight from start to end (rad/s). */
@@ -172,7 +172,7 @@ static inline double swingup_period(const swingup_identifier *c)
 static inline int swingup_span(double period)
 {
     const double steps = SWINGUP_SPAN * SWINGUP_DT / period;
-    return steps > SWINGUP_SPAN ? SWINGUP_SPAN : steps < 1.0 ? 1 : (int)rint(steps);
+    return steps > SWINGUP_SPAN ? SWINGUP_SPAN : steps < 1.0 ? 1 : (int)swingup_rint(steps);
 }
 
 /* The newest rows of shoulder and elbow: a number for each unknown, and the driven joint's torque. */
@@ -252,7 +252,7 @@ static inline void swingup_follow_noise(swingup_identifier *c, double step)
         const double difference = c->angles[0][i] - c->angles[3][i] - 3.0 * (c->angles[1][i] - c->angles[2][i]);
         const double seen = difference * difference / 20.0; /* 1 + 9 + 9 + 1 */
         const double bounded = seen < SWINGUP_MAX_NOISE * SWINGUP_MAX_NOISE ? seen : SWINGUP_MAX_NOISE * SWINGUP_MAX_NOISE;
-        c->noise[i] += -expm1(-step / SWINGUP_NOISE_TIME) * (bounded - c->noise[i]);
+        c->noise[i] += -swingup_expm1(-step / SWINGUP_NOISE_TIME) * (bounded - c->noise[i]);
     }
 }
 
@@ -301,7 +301,7 @@ static inline void swingup_update(swingup_identifier *c, int joint, double step)
     row_variance = r * swingup_max(1.0, SWINGUP_CORRELATION / step) * swingup_max(w, 1.0);
     /* Bounded: one wrong angle must not blind the identifier for seconds. */
     square = distance * r < bound ? distance * r : bound;
-    c->variance[joint] += -expm1(-step / (square > c->variance[joint] ? SWINGUP_RISE_TIME : SWINGUP_FALL_TIME)) * (square - c->variance[joint]);
+    c->variance[joint] += -swingup_expm1(-step / (square > c->variance[joint] ? SWINGUP_RISE_TIME : SWINGUP_FALL_TIME)) * (square - c->variance[joint]);
     c->gate[joint] = swingup_max(gate, 0.0);
     swingup_noise_bias(c, joint, step, bias);
     for (i = 0; i < SWINGUP_UNKNOWNS; i++) {
@@ -322,7 +322,7 @@ static inline void swingup_update(swingup_identifier *c, int joint, double step)
 /* The low-passes, both rows, and the drift; 0 if what was found is not finite. */
 static inline int swingup_learn(swingup_identifier *c)
 {
-    const double step = swingup_period(c), weight = -expm1(-SWINGUP_BANDWIDTH * step);
+    const double step = swingup_period(c), weight = -swingup_expm1(-SWINGUP_BANDWIDTH * step);
     double rows[2][SWINGUP_UNKNOWNS + 1];
     int i, j, k, finite = 1;
 
@@ -411,7 +411,7 @@ static inline int swingup_weigh_ages(swingup_identifier *c)
     for (k = 0; k < SWINGUP_AGES; k++) {
         const double longer = c->steps[k] - c->steps[k + 1];
         const double miss1 = bend[0] - rate[0] * longer, miss2 = bend[1] - rate[1] * longer;
-        const double now = c->calls > 2 * SWINGUP_SPAN ? log1p(miss1 * miss1 + miss2 * miss2) : 0.0;
+        const double now = c->calls > 2 * SWINGUP_SPAN ? swingup_log1p(miss1 * miss1 + miss2 * miss2) : 0.0;
         const double evidence = SWINGUP_AGE_FADING * c->age_evidence[k] + now;
         likely = evidence < minimum ? k : likely;
         minimum = evidence < minimum ? evidence : minimum;
@@ -424,17 +424,17 @@ static inline int swingup_weigh_ages(swingup_identifier *c)
 static inline void swingup_identify(swingup_identifier *c, const double x[4], int delay_steps, double pause)
 {
     const int angles = 2 * SWINGUP_SPAN + 1;
-    const int near = swingup_finite(x, 2) && fabs(x[0]) < SWINGUP_MAX_ANGLE && fabs(x[1]) < SWINGUP_MAX_ANGLE;
+    const int is_near = swingup_finite(x, 2) && fabs(x[0]) < SWINGUP_MAX_ANGLE && fabs(x[1]) < SWINGUP_MAX_ANGLE;
     const int late = !(pause >= 0.0 && pause <= SWINGUP_MAX_STEP);
     double step = pause > 0.0 ? pause : SWINGUP_DT;
     swingup_identifier before;
     int i, k, age;
 
     /* Such an angle would stay in the differences. */
-    if (late || !near) {
+    if (late || !is_near) {
         swingup_interrupt(c);
     }
-    if (!near) {
+    if (!is_near) {
         return;
     }
     for (i = 0; i < 2; i++) {

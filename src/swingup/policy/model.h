@@ -10,7 +10,7 @@
 /* An angle's distance (rad) without whole turns. */
 static inline double swingup_turned(double angle)
 {
-    return angle - 2.0 * SWINGUP_PI * rint(angle / (2.0 * SWINGUP_PI));
+    return angle - 2.0 * SWINGUP_PI * swingup_rint(angle / (2.0 * SWINGUP_PI));
 }
 #endif
 

@@ -32,6 +32,35 @@ typedef uint64_t swingup_bits;
 #define SWINGUP_NAN UINT64_C(0x7ff8000000000000)
 #endif
 
+#ifdef __AVR__ /* whose library lacks these, and whose functions read the first 64 kB of the flash */
+#if !SWINGUP_SINGLE
+#error "an AVR reads constants of 32 bits: export the header with --precision single"
+#endif
+#if SWINGUP_CONSTANT_BYTES > 60000
+#error "the constants of this header do not fit into the first 64 kB of an AVR's flash: use smaller layers"
+#endif
+static inline double swingup_rint(double x)
+{
+    return floor(x + 0.5);
+}
+
+static inline double swingup_log1p(double x)
+{
+    const double u = 1.0 + x;
+    return u == 1.0 ? x : log(u) * x / (u - 1.0);
+}
+
+static inline double swingup_expm1(double x)
+{
+    const double u = exp(x);
+    return u == 1.0 ? x : u - 1.0 == -1.0 ? -1.0 : (u - 1.0) * x / log(u);
+}
+#else
+#define swingup_rint(x) rint(x)
+#define swingup_log1p(x) log1p(x)
+#define swingup_expm1(x) expm1(x)
+#endif
+
 static inline double swingup_clip(double value, double limit)
 {
     return value > limit ? limit : value < -limit ? -limit : value;

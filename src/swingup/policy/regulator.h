@@ -10,7 +10,7 @@
 typedef struct {
     int begun;               /* 0 before the first call */
     int acting;              /* whether the regulator acts */
-    int far;                 /* whether the state is far from the top: which of two designs counts */
+    int is_far;              /* whether the state is far from the top: which of two designs counts */
     double cost_to_go[4][4]; /* P of the errors */
     double friction[4];      /* its column of the friction f */
 } swingup_regulator;
@@ -28,7 +28,7 @@ static inline void swingup_mass(const double theta[9], double cosine, double mas
 
 /* How friction counts far from the top or near it: the damping of both joints (N m s/rad), and the torque
  * -friction[0] atan(friction[1] rate). Whether there are two designs. */
-static inline int swingup_dry_friction(const double theta[9], int far, double damping[2], double friction[2])
+static inline int swingup_dry_friction(const double theta[9], int is_far, double damping[2], double friction[2])
 {
     const int undriven = 1 - SWINGUP_DRIVEN;
     const double second = SWINGUP_GRAVITY * theta[2], first = undriven ? 0.0 : SWINGUP_GRAVITY * theta[3];
@@ -50,10 +50,10 @@ static inline int swingup_dry_friction(const double theta[9], int far, double da
         return 0;
     }
     two = dry < lost;
-    far = far && two;
-    damping[undriven] = theta[4 + undriven] + lost * (far ? SWINGUP_FAR_DAMPING : SWINGUP_NEAR_DAMPING);
-    friction[0] = (far ? SWINGUP_FAR_SHARE : SWINGUP_NEAR_SHARE) * dry;
-    friction[1] = far ? SWINGUP_FAR_KNEE : SWINGUP_NEAR_KNEE;
+    is_far = is_far && two;
+    damping[undriven] = theta[4 + undriven] + lost * (is_far ? SWINGUP_FAR_DAMPING : SWINGUP_NEAR_DAMPING);
+    friction[0] = (is_far ? SWINGUP_FAR_SHARE : SWINGUP_NEAR_SHARE) * dry;
+    friction[1] = is_far ? SWINGUP_FAR_KNEE : SWINGUP_NEAR_KNEE;
     return two;
 }
 
@@ -169,7 +169,7 @@ static inline int swingup_regulate(swingup_regulator *c, const double theta[9], 
         swingup_start(c);
     }
     c->begun = 1;
-    two = swingup_dry_friction(theta, c->far, damping, counted);
+    two = swingup_dry_friction(theta, c->is_far, damping, counted);
     swingup_upright(theta, damping, step);
     for (i = 0; i < SWINGUP_RICCATI_STEPS; i++) {
         swingup_riccati(c, step);
@@ -200,7 +200,7 @@ static inline int swingup_regulate(swingup_regulator *c, const double theta[9], 
     if (finite) {
         const double enter = SWINGUP_ENTER / (1.0 + fabs(dry) / SWINGUP_ENTER_COULOMB);
         const double leave = enter + (SWINGUP_LEAVE - SWINGUP_ENTER) / (1.0 + fabs(dry) / SWINGUP_LEAVE_COULOMB);
-        c->far = two && cost > (c->far ? SWINGUP_NEAR_BELOW : SWINGUP_FAR_ABOVE);
+        c->is_far = two && cost > (c->is_far ? SWINGUP_NEAR_BELOW : SWINGUP_FAR_ABOVE);
         c->acting = outwards && (c->acting ? cost <= leave : cost < enter);
     }
     return c->acting;

@@ -30,7 +30,7 @@ SERIES = (DRIVEN, "#5aa9dd", LINK_1, "#f2b632", "#a3a09a")
 """Colours that colour-blind readers can tell apart. After the last, lines and bars change their pattern."""
 DASHES = ("-", "--", ":")
 HATCHES = ("", "////", "....")
-MAX_NAME_LENGTH = 40
+MAX_NAME_LENGTH = 80  # With what is said behind it
 NUMBERED_BAR_WIDTH = 0.15  # Bars of this width have room for their number
 
 LOOKS: dict[str, dict[str, Any]] = {
@@ -62,7 +62,7 @@ def draw(figures: Figure | Mapping[str, Figure], title: str = "") -> "Drawing":
         for place, (heading, figure) in zip(places, given.items(), strict=True):
             _draw_figure(place, figure, heading, entries)
         if entries:
-            legend_below(drawing, [(artist, name) for name, artist in entries.items()])
+            legend_below(drawing, [(artist, plain(name)) for name, artist in entries.items()])
     return drawing
 
 
@@ -89,13 +89,13 @@ def _draw_panel(axes: "Axes", panel: Panel, entries: dict[str, "Artist"]) -> Non
     for curve in panel.curves:
         artist = _draw_curve(axes, curve)
         if curve.name:
-            entries.setdefault(plain(curve.name), artist)
+            entries.setdefault(curve.name, artist)
     for mark in panel.marks:
         line = axes.axvline if mark.upright else axes.axhline
         artist = line(
             mark.at, label=plain(mark.name), color=THEME[mark.colour], linewidth=0.8, linestyle="--", zorder=1
         )
-        entries.setdefault(plain(mark.name), artist)
+        entries.setdefault(mark.name, artist)
     axes.set(xlabel=panel.x, ylabel=panel.y, title=plain(panel.title))
     if panel.x_range is not None:
         axes.set_xlim(panel.x_range)

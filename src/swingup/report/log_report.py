@@ -25,7 +25,7 @@ from ..identification.scoring import (
     prediction_errors,
     smoothed,
 )
-from ..identification.segments import INTERVAL, Segments
+from ..identification.segments import INTERVAL, Segments, clear_of_gaps
 from ..identification.unknowns import LATENCY
 from ..learner.card import best_policy, facts
 from ..learner.metrics import METRICS_FILE, MISSING, read_metrics
@@ -102,7 +102,9 @@ def _motion(name: str, time: np.ndarray, x: np.ndarray, colour: str | int = "ink
 
 def _predictions(recording: Recording, predicted: Mapping[str, Segments]) -> list[Panel]:
     """A log, and predictions of it one after another with a row of NaN between two of them."""
-    series = [_motion("log", *smoothed(recording, DRAWN_PERIOD))]
+    times, x = smoothed(recording, DRAWN_PERIOD)
+    # Nobody measured what a smoother draws across a gap.
+    series = [_motion("log", times, np.where(clear_of_gaps(recording, times, times)[:, None], x, np.nan))]
     for number, (name, part) in enumerate(predicted.items()):
         time = np.pad(part.times, ((0, 0), (0, 1)), constant_values=np.nan).ravel()
         x = np.pad(part.states, ((0, 0), (0, 1), (0, 0)), constant_values=np.nan).reshape(-1, 4)
@@ -299,7 +301,10 @@ def _friction(found: Identification) -> Part:
 def report_diagnosis(found: Diagnosis) -> LogReport:
     """Lay a diagnosis out: the causes, the loop and the plant, and the log itself."""
     recording = found.recording
-    series = [Curve("log", recording.time, each) for each in (*recording.q.T, *recording.dq.T, *recording.u.T)]
+    gaps = np.flatnonzero(recording.gaps) + 1  # where a row of NaN interrupts the curves
+    time = np.insert(recording.time, gaps, recording.time[gaps - 1])
+    columns = (*recording.q.T, *recording.dq.T, *recording.u.T)
+    series = [Curve("log", time, np.insert(each, gaps, np.nan)) for each in columns]
     panels = [Panel(TIME, label, [each]) for label, each in zip((*STATES, *TORQUES), series, strict=True)]
     log = Part("Log", "What the controller saw and commanded.", (), Figure(panels, shared=True))
     return LogReport(f"Diagnosis of {recording.name}", found.answer, [*diagnosis_tables(found), log], found.lines)

@@ -113,10 +113,18 @@ def check_task(task: AbstractTask[Any]) -> None:
             raise SwingupError(
                 f"choices = {task.choices} for action_size = {actions}: give a number for each action"
             )
-    with errors_named_after(f"tracing reset, observe and step of {name}", "write them for jax.jit"):
+    remedy = (
+        "write them for jax.jit; a field that is a shape, a branch or a word is x: int = eqx.field(static=True)"
+    )
+    with errors_named_after(f"tracing reset, observe and step of {name}", remedy):
         key, action = jax.random.key(0), jnp.zeros(task.action_size, int if task.choices else float)
-        state = jax.eval_shape(task.reset, key)
-        seen, step = jax.eval_shape(task.observe, state), jax.eval_shape(task.step, state, action, key)
+
+        def trace(call: str, *arguments: Any) -> Any:
+            # As the learner does, with the task as an argument: its numbers are traced.
+            return jax.eval_shape(lambda task, *rest: getattr(task, call)(*rest), task, *arguments)
+
+        state = trace("reset", key)
+        seen, step = trace("observe", state), trace("step", state, action, key)
         size = (task.observation_size,)
         given = (
             ("observe()", seen, size), ("observation of step()", step.observation, size),

@@ -120,6 +120,7 @@ class PolicyController(AbstractPlantController[None]):
         """The policy's torque on the driven joint, NaN if anything seen is not finite."""
         if x.shape != (4,):  # indices beyond an end would be clipped in silence
             raise SwingupError(f"x has shape {x.shape}: pass four numbers, [q1, q2, dq1, dq2] (rad, rad/s)")
+        x = jnp.asarray(x, jnp.result_type(x, 0.0))  # of whole numbers, too
         own = base_parameters(self.plant) if self.base is None else self.base
         torque = self.torque_limit * self.policy(x, own if base is None else base).astype(x.dtype)[0]
         # The clips of the observation must not hide it.

@@ -14,8 +14,11 @@
   };
   const LEAST_DRAG = 6; // pixels; a shorter one is a click
   const GROUPS = 8; // colours of series in the style sheet
+  const DASHES = ["none", "9 4", "2 3"];
 
   const colourOf = (colour) => `var(--${typeof colour === "number" ? `series-${colour % GROUPS}` : colour})`;
+  /** Of series beyond the last colour, which begin with the first again. */
+  const dashOf = (colour) => (typeof colour === "number" ? DASHES[Math.floor(colour / GROUPS) % DASHES.length] : "none");
   const number = (value, digits) => value.toFixed(digits).replace("-", "\u2212");
 
   let stored = null;
@@ -239,7 +242,7 @@
 
     curve(curve) {
       const colour = colourOf(curve.colour);
-      const { width = 0, dash = "none", radius = 0, opacity = 1 } = STYLES[curve.look];
+      const { width = 0, dash = dashOf(curve.colour), radius = 0, opacity = 1 } = STYLES[curve.look];
       const group = make("g", { "data-name": curve.name, opacity }, this.plot);
       if (curve.look.endsWith("bars")) {
         curve.x.forEach((x, row) => {
@@ -427,7 +430,9 @@
         const label = html("label", look === "pale bars" ? "published" : "", this.head);
         const box = html("input", "", label);
         Object.assign(box, { type: "checkbox", checked: !this.hidden.has(name) });
-        html("span", "swatch", label).style.background = colourOf(colour);
+        const plain = colourOf(colour);
+        html("span", "swatch", label).style.background =
+          dashOf(colour) === "none" ? plain : `repeating-linear-gradient(90deg, ${plain} 0 2px, transparent 2px 4px)`;
         label.append(name);
         box.addEventListener("change", () => {
           this.hidden[box.checked ? "delete" : "add"](name);
