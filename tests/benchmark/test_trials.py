@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from refusals import refusal
 from swingup import BOARDS, get_controller, judge, load_plant, score
 from swingup.benchmark.board import Case, Setting
 from swingup.benchmark.boards import IROS_REAL, SIM2REAL
@@ -193,6 +194,28 @@ def test_a_fast_loop_runs_as_long_as_a_slow_one():
     found = judge(HANGING, "acrobot", PUSHED, 1, domain=resolve(domain=ROBOT | {"period": 0.001}))
     assert found.trajectory.time[-1] == pytest.approx(PUSHED.duration, abs=0.0011)
     assert "never up" in found.tip.failure
+
+
+def test_nobody_is_judged_on_calls_after_the_end():
+    """A loop of 4 ms takes as many steps as one of 2 ms, and so twice the time."""
+    domain, rules, table = (
+        resolve(domain=ROBOT | {"period": 0.004}),
+        dataclasses.replace(PUSHED, duration=0.4),
+        [0.1] * 100,
+    )
+
+    def plain(x, t):
+        return np.array([0.0, table[round(t / 0.004)]])
+
+    def ends(t, x):
+        return jnp.array([0.0, 1.0]) * jnp.where(t < 0.399, 0.1, jnp.nan)
+
+    for controller in (plain, Memoryless(ends)):
+        found = judge(controller, "acrobot", rules, 1, domain=domain)
+        assert not found.faults
+        assert len(found.trajectory.time) == 100
+    told = refusal(judge, Memoryless(lambda t, x: ends(t + 0.2, x)), "acrobot", rules, 1, domain=domain)
+    assert "not finite at t = 0.2 s" in told
 
 
 def test_spoilt_samples_reach_controllers_of_both_kinds():

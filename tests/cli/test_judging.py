@@ -21,6 +21,10 @@ KEYS = [
 CONTROLLERS = """
 import time
 
+def both(x, t):
+    return [2.0, 0.5]
+
+
 def plain(x, t):
     return [0.0, -0.1 * x[3]]
 
@@ -64,6 +68,15 @@ def test_the_command_of_a_result_repeats_it(run_json):
     assert (result["plant"], result["seeds"], result["runs"]) == ("A.0", [3], 4)
     again = run_json(result["command"].removeprefix("swingup "))
     assert {**again, "call_time": 0} == {**result, "call_time": 0}
+
+
+def test_the_commands_of_several_boards_repeat_them(run_json, change_boards):
+    change_boards("robustness", duration=0.1)
+    words = f"{PLAIN} --board performance robustness --criteria delay --grid delay=0:0:2"
+    for each in run_json(words):
+        assert ("--criteria" in each["command"]) == (each["board"] != "performance")
+        again = run_json(each["command"].removeprefix("swingup "))
+        assert again["score"] == each["score"]
 
 
 @pytest.mark.parametrize(
@@ -160,6 +173,19 @@ def test_the_real_robots_boards(run, run_json, tmp_path, change_boards, entrants
     entrants("lqr")
     sources = {tuple(line.split()[:2]) for line in run("leaderboard pendubot --board icra-real").splitlines()}
     assert {("lqr", "ours"), ("AR-EAPO", "robot"), ("VIMPPI", "robot")} <= sources
+
+
+def test_a_row_says_that_it_drives_the_passive_joint(run_json, entrants, change_boards):
+    entrants()
+    change_boards("uptime", duration=1.0, throws=1, first_throw=0.5, jitter=0.1)
+    rows = run_json("leaderboard acrobot --board uptime --controller mine:both")
+    [row] = [each for each in rows if each["controller"] == "mine:both"]
+    assert row["remark"].startswith("passive_torque: ")
+
+
+def test_what_is_designed_for_one_plant_enters_no_board_that_draws_plants(capsys):
+    assert main(["leaderboard", "acrobot", "--board", "cloudpendulum", "--controller", "lqr"]) == 2
+    assert "lqr is designed for a plant, and cloudpendulum draws plants" in capsys.readouterr().err
 
 
 def test_leaderboard_formats(run, run_json, entrants):

@@ -36,7 +36,6 @@ NONSENSE = [
     ("evaluate acrobot --check --json", "--json does not go with --check"),
     ("evaluate acrobot --check --velocity-noise 3", "--velocity-noise does not go with --check"),
     ("leaderboard --page x.png", "x.png: its name must end in .html"),
-    ("plot phase none.csv --out x.png --plant A.0", "--plant goes with trajectory and animation"),
     # Training.
     ("train", "name a robot (acrobot, pendubot) or give --env ID"),
     ("train acrobot --learning-rate fast", "learning_rate = 'fast': use a number"),

@@ -11,6 +11,7 @@ from synthetic import OFFSETS, TRUTH, simulate, write
 
 import swingup
 from refusals import refusal
+from swingup.common.errors import SwingupError
 from swingup.identification import fit as bootstrap
 from swingup.identification import prediction
 from swingup.identification.fit import Evaluator, linearise
@@ -88,6 +89,19 @@ def test_files_are_those_that_others_read(found, tmp_path):
     assert plant.m2 * plant.r2**2 < plant.I2
     ranges = resolve(domain=domain)
     assert ranges.nominal_plant.cf1 == pytest.approx(TRUTH.cf1, rel=0.05)
+
+
+def test_a_model_that_is_refused_leaves_nothing(found, tmp_path, monkeypatch):
+    def refuse(*_):
+        raise SwingupError("no bodies move as this plant does")
+
+    module = importlib.import_module("swingup.identification.identify")
+    save = module.save_plant
+    monkeypatch.setattr(
+        module, "save_plant", lambda path, *rest: refuse() if path.suffix == ".urdf" else save(path, *rest)
+    )
+    assert "no bodies" in refusal(found.save, tmp_path / "mine.yml", tmp_path / "mine.urdf")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_log_at_rest_determines_nothing(tmp_path):

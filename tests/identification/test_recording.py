@@ -10,7 +10,7 @@ from synthetic import HEADER, QUANTUM, simulate, write
 from refusals import refusal
 from swingup.identification.recording import read_recording
 from swingup.identification.scoring import ErrorRow, hold_out, score_windows, summarise
-from swingup.identification.segments import smooth
+from swingup.identification.segments import clear_of_gaps, smooth
 
 TIME = np.arange(0, 3, 0.002)
 ANGLES = np.column_stack([np.sin(3 * TIME), 0.5 * np.cos(5 * TIME)])
@@ -104,6 +104,32 @@ def test_a_slow_camera_in_a_fast_loop(tmp_path):
     assert "rows are 0.12 s apart (median), too slow for a pendulum" in refused
 
 
+def test_a_pendulum_that_is_held_before_it_falls_rests(tmp_path):
+    """2 s of equal rows, a fall, and equal rows again: no window begins where the smoother would see the fall."""
+    time = np.arange(0, 6, 0.01)
+    fall = np.clip(time - 2.0, 0.0, 2.0)
+    angles = np.round(np.column_stack([1.0 - np.cos(5 * fall), 0.5 * np.sin(4 * fall) ** 2]), 4)
+    table = np.column_stack([time, angles, np.zeros((len(time), 2))])
+    recording = read_recording(write(tmp_path / "log.csv", table, "time,pos_meas1,pos_meas2,tau_con1,tau_con2"))
+    rest = np.arange(0.1, 1.95, 0.01)
+    clear = clear_of_gaps(recording, rest, rest)
+    np.testing.assert_allclose(smooth(recording, rest)[clear], 0.0, atol=0.01)
+    moving = np.arange(2.1, 3.9, 0.01)
+    assert clear_of_gaps(recording, moving, moving).all()
+
+
+def test_a_slow_sensors_windows_keep_away_from_gaps(tmp_path):
+    """The six nearest frames of a camera lie within 0.1 s: windows nearer to a gap would be smoothed across it."""
+    shown = np.floor(TIME * 30 + 1e-9).astype(int)
+    first = np.append(True, np.diff(shown) > 0)
+    motion = np.column_stack([3 * np.sin(3 * TIME), 0.5 * np.cos(5 * TIME)])
+    table = np.column_stack([TIME + (TIME >= 1.5), motion[first][shown], TORQUES])
+    table = table[(TIME < 1.4) | (TIME >= 1.5)]
+    recording = read_recording(write(tmp_path / "log.csv", table, "time,pos_meas1,pos_meas2,tau_con1,tau_con2"))
+    times = np.array([1.2, 1.36, 1.38, 2.52, 2.7])
+    assert clear_of_gaps(recording, times, times).tolist() == [True, False, False, False, True]
+
+
 def test_repeated_rows_are_found(tmp_path):
     table = np.column_stack([TIME, np.repeat(TABLE[::2, 1:], 2, axis=0)])
     recording = read_recording(write(tmp_path / "log.csv", table))
@@ -169,6 +195,9 @@ def test_turns_of_an_encoder_are_named(tmp_path):
     warning, *others = read_recording(write(tmp_path / "log.csv", table)).warnings
     assert "angle 1 begins -2 turns from 0" in warning
     assert not others
+    # One that begins upright is at no turn: to zero it there would be wrong.
+    upright = read_recording(write(tmp_path / "up.csv", changed([1], lambda q: q + 3.3)))
+    assert upright.warnings == ()
 
 
 def test_lone_zeros_are_left_out(tmp_path):

@@ -16,6 +16,7 @@ from swingup.benchmark.boards import PERFORMANCE
 from swingup.cli import main
 from swingup.export.cloudpendulum import CloudPendulumController
 from swingup.export.folder import cloudpendulum_guard, cloudpendulum_notes, export_folder
+from swingup.loop.resolve import resolve
 from swingup.plant.files import load_plant
 from swingup.plant.plant import LEADERBOARD
 from swingup.policy.guard import GuardSettings
@@ -64,6 +65,32 @@ def test_a_guard_that_stops_the_folder_is_reported(tmp_path):
     after = rows.u[np.asarray(rows.time) >= stopped["time"]]
     assert len(after) > 10
     assert not np.any(after)
+
+
+def test_a_run_that_the_guard_stopped_is_lost_though_it_stays_up(tmp_path):
+    """A folder that lies at the top and is stopped there: a guard whose clock is watched closely."""
+    folder = export(tmp_path / "entry", "realaigym", GuardSettings(velocity_limit=2.0))
+    easy = dataclasses.replace(BRIEF, height=-2.0, limits=None)  # everything is up
+    found = rehearse(folder, LEADERBOARD, "none", board=easy, duration=0.6)
+    [run] = found.result.runs
+    assert (run.success, run.score, run.criteria.success) == (False, 0.0, False)
+    assert found.stops[0]["time"] < 0.6
+
+
+def test_a_fault_on_a_spoilt_sample_ends_the_rehearsal(tmp_path):
+    body = "assert x[2] == x[2]; return [0.0, 0.5]"
+    domain = resolve(domain={"plant": "C.1", "spoilt": 0.05})
+    told = refusal(rehearse, write_folder(tmp_path / "fake", body), domain=domain, duration=0.4, seeds=1)
+    assert "raised AssertionError" in told
+
+
+def test_a_deadline_is_the_loops_own_period(tmp_path, monkeypatch):
+    periods = []
+    wait = FolderController._wait
+    monkeypatch.setattr(FolderController, "_wait", lambda *given: periods.append(given[2]) or wait(*given))
+    domain = resolve(domain={"plant": "C.1", "period": 0.005})
+    rehearse(write_folder(tmp_path / "fake"), domain=domain, duration=0.1, real_time=True)
+    assert periods == [pytest.approx(0.005)] * 20
 
 
 @pytest.mark.slow

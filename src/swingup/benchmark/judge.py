@@ -29,6 +29,8 @@ from .runner import Progress, prepare, run_many, stack
 from .swing_up_board import SwingUpBoard
 from .uptime_board import UptimeBoard
 
+PASSIVE_TORQUE = "passive_torque"  # Name of the warning of a controller that drives the passive joint
+
 
 def judge(
     controller: Any,
@@ -91,7 +93,9 @@ def judge(
 
         with naming(f"controller {name!r}"):
             scenarios, depth = stack([case.scenario for case in cases]), _depth(setting, cases)
-            batch = run_many(controller, scenarios, board.dt, steps, depth, board.keeps_rows, report_progress)
+            batch = run_many(
+                controller, scenarios, board.dt, steps, depth, board.keeps_rows, report_progress, board.duration
+            )
         took, passive = took or batch.call_time, max(passive, _passive_torque(batch, setting.robot, board))
         for index, (case, fault) in enumerate(zip(cases, batch.faults, strict=True)):
             rows, stop = _counted(batch, index, board)
@@ -103,8 +107,8 @@ def judge(
     warnings: tuple[str, ...] = () if slow is None else (slow,)
     if passive and passive > (allowed := scales_of(setting.nominal).scaled(MAX_COMPENSATION, TORQUE)) * (1 + 1e-9):
         warnings += (
-            f"passive_torque: it gives the passive joint {2 - setting.robot.joint} up to {passive:.3g} N m, above "
-            f"the {allowed:.3g} N m of the rules' friction compensation: this is no entry",
+            f"{PASSIVE_TORQUE}: it gives the passive joint {2 - setting.robot.joint} up to {passive:.3g} N m, "
+            f"above the {allowed:.3g} N m of the rules' friction compensation: this is no entry",
         )
     result = summed_up(name, board, setting, runs, every)
     return replace(result, trajectory=first, estimator=estimator, call_time=took, warnings=warnings)

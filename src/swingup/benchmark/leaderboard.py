@@ -18,7 +18,7 @@ from ..plant.plant import LEADERBOARD, Plant, PlantLike, Robot, get_robot
 from ..policy.shipped import ADAPTIVE, AR_EAPO, GLOBAL
 from .board import AbstractBoard, Setting
 from .boards import BOARDS, PERFORMANCE, get_board
-from .judge import judge, make_setting
+from .judge import PASSIVE_TORQUE, judge, make_setting
 from .runner import StageProgress
 from .uptime_board import UptimeBoard
 
@@ -210,4 +210,6 @@ def _row(
         remark = f"{len(result.faults)} simulations without an answer; the first: {result.faults[0].fault}"
     elif len(result.runs) == 1 and result.runs[0].criteria and not result.successes:
         remark = "no swing-up"
+    elif passive := [each for each in result.warnings if each.startswith(PASSIVE_TORQUE)]:
+        remark = passive[0]
     return Row(name, OURS, result.values, remark)

@@ -2,6 +2,7 @@
 
 import functools
 import logging
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from statistics import median
@@ -119,9 +120,11 @@ def _warn_once(message: str) -> None:
     _LOGGER.warning("%s", message)
 
 
-def run_one(controller: Controller, scenario: Scenario, dt: float, steps: int, depth: int = 1) -> Trajectory:
+def run_one(
+    controller: Controller, scenario: Scenario, dt: float, steps: int, depth: int = 1, duration: float = math.inf
+) -> Trajectory:
     """Simulate one scenario and return its rows as NumPy arrays."""
-    batch = run_many(controller, stack([scenario]), dt, steps, depth, keep=True)
+    batch = run_many(controller, stack([scenario]), dt, steps, depth, keep=True, duration=duration)
     if batch.faults[0] is not None:
         raise SwingupError(batch.faults[0])
     rows: Trajectory = jax.tree.map(lambda each: each[0], batch.trajectory)
@@ -136,17 +139,19 @@ def run_many(
     depth: int = 1,
     keep: bool = False,
     progress: Progress = lambda *_: None,
+    duration: float = math.inf,
 ) -> SimulatedBatch:
     """Simulate a batch of scenarios.
 
     Scenarios have a leading axis, as :func:`stack` makes them; each gets a memory of its own. ``depth`` is more
     than the largest delay (steps), ``keep`` asks for the rows as well. ``progress`` is called after each part of
-    the batch.
+    the batch. A loop with a clock of its own may run on after the ``duration`` (s): what a controller does then is
+    no fault.
     """
     span = _Span(dt, steps, depth, keep)
     if isinstance(controller, PythonController):
-        return _run_plain(controller, scenarios, span, progress)
-    return _run_compiled(controller, scenarios, span, progress)
+        return _run_plain(controller, scenarios, span, progress, duration)
+    return _run_compiled(controller, scenarios, span, progress, duration)
 
 
 def stack(trees: Sequence[TreeT]) -> TreeT:
@@ -160,7 +165,7 @@ def _length(scenarios: Scenario) -> int:
 
 
 def _run_compiled(
-    controller: AbstractController[Any], scenarios: Scenario, span: _Span, progress: Progress
+    controller: AbstractController[Any], scenarios: Scenario, span: _Span, progress: Progress, duration: float
 ) -> SimulatedBatch:
     """One batch on an accelerator; on a CPU batches of one shape in a thread for each core, and one run alone.
 
@@ -193,19 +198,21 @@ def _run_compiled(
     finally:  # an interrupt must not wait for the parts that still run
         pool.shutdown(wait=False, cancel_futures=True)
     final, faults, rows = jax.tree.map(lambda *leaves: np.concatenate(leaves)[:number], *results)
+    times = [k * span.dt if rows is None else float(rows.time[run, k]) for run, k in enumerate(faults)]
     what = "it gave a torque that is not finite at t = {:g} s: correct it there"
-    return SimulatedBatch(final, [None if k < 0 else what.format(k * span.dt) for k in faults], rows)
+    told = [what.format(t) if k >= 0 and t < duration else None for k, t in zip(faults, times, strict=True)]
+    return SimulatedBatch(final, told, rows)
 
 
 def _run_plain(
-    controller: PythonController, scenarios: Scenario, span: _Span, progress: Progress
+    controller: PythonController, scenarios: Scenario, span: _Span, progress: Progress, duration: float
 ) -> SimulatedBatch:
     number, runs = _length(scenarios), list[SimulatedBatch]()
     copies = controller.copies(min(SIDE_BY_SIDE, number))
     for start in range(0, number, len(copies)):
         part = jax.tree.map(lambda leaf, start=start: leaf[start : start + len(copies)], scenarios)
         with jax.enable_x64(True):
-            runs.append(_simulate_plain(part, copies[: _length(part)], span, 0 if runs else number))
+            runs.append(_simulate_plain(part, copies[: _length(part)], span, 0 if runs else number, duration))
         progress(min(start + len(copies), number), number)
     rows = jax.tree.map(lambda *parts: np.concatenate(parts), *[run.trajectory for run in runs])  # or None
     faults = [fault for run in runs for fault in run.faults]
@@ -213,7 +220,7 @@ def _run_plain(
 
 
 def _simulate_plain(
-    scenarios: Scenario, controllers: Sequence[PythonController], span: _Span, announced: int
+    scenarios: Scenario, controllers: Sequence[PythonController], span: _Span, announced: int, duration: float
 ) -> SimulatedBatch:
     """Run one controller in each of a batch of scenarios; call it in 64-bit mode.
 
@@ -251,8 +258,8 @@ def _simulate_plain(
         if loop.times is not None:
             time[:, step] = loop.times.now
         measured, command = np.asarray(state, np.float64), np.zeros((number, 2))
-        # No call during a throw, nor on a state that has diverged: that is not the fault of the controller.
-        able = np.asarray(called) & np.isfinite(np.asarray(loop.x)).all(axis=1)
+        # No call during a throw, nor on a state that has diverged, nor after the end: no fault of the controller.
+        able = np.asarray(called) & np.isfinite(np.asarray(loop.x)).all(axis=1) & (time[:, step] < duration)
         for index in [each for each in calls if able[each]]:
             before = perf_counter()
             try:

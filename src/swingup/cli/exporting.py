@@ -352,8 +352,6 @@ def plot_command(
         raise SwingupError("--fps, --size and --speed go with animation: leave them out")
     if kind in ("robustness", "curve"):
         refuse_ignored({"robot": robot, **plant, "columns": columns}, "goes with trajectories")
-    if kind == "phase":
-        refuse_ignored(plant, "goes with trajectory and animation")
     formats = {"animation": FILM_FORMATS, "curve": PAGE_FORMATS}
     suffix = check_suffix(out, formats.get(kind, FIGURE_FORMATS))
     found = facts_of(plant) or LEADERBOARD

@@ -8,7 +8,7 @@ from typing import Annotated, Any, TypedDict
 
 from tyro.conf import arg
 
-from ..benchmark.board import AbstractBoard
+from ..benchmark.board import AbstractBoard, Setting
 from ..benchmark.boards import BOARDS, get_board
 from ..benchmark.disturbances import DisturbanceSettings, PushRules
 from ..benchmark.judge import judge, make_setting, score
@@ -17,6 +17,7 @@ from ..benchmark.recording import NO_ZEROS, load_trajectory, save_trajectory
 from ..benchmark.robustness_board import RobustnessBoard, change_grid
 from ..common.errors import SwingupError, command_line
 from ..common.files import check_writable, write_atomically
+from ..controllers.baselines.baselines import BASELINES
 from ..controllers.check import call_time, call_words, check_controller, slow_call, upright_law
 from ..controllers.registry import BUILT_IN, controller_on
 from ..loop.loop import LOOP_DT
@@ -155,11 +156,18 @@ def evaluate_command(
         save_trajectory(save, results[0].trajectory, results[0].runs[0].case.scenario.parameters.zeros)
     if json:
         # The result names the command that repeats it; the leaderboard shows it beside shipped rows.
-        options = {"controller": controller, "seed": seed, "seeds": seeds, "domain": domain}
-        options |= {**estimator, **plant, **disturbance, "criteria": criteria, "grid": grid}
+        options = {"controller": controller, "seed": seed, "domain": domain, **estimator, **plant, **disturbance}
+
+        def own(each: AbstractBoard, setting: Setting) -> dict[str, Any]:
+            found = {"seeds": seeds} if each.is_random(setting) else {}
+            return found | ({"criteria": criteria, "grid": grid} if isinstance(each, RobustnessBoard) else {})
+
         objects = [
-            {"command": command_line("evaluate", robot.name, board=name, **options), **each.as_dict()}
-            for name, each in zip(board, results, strict=True)
+            {
+                "command": command_line("evaluate", robot.name, board=name, **options, **own(each, setting)),
+                **result.as_dict(),
+            }
+            for name, each, setting, result in zip(board, boards, settings, results, strict=True)
         ]
         tell_json(objects[0] if len(objects) == 1 else objects, indent=1)
     return 0
@@ -228,6 +236,12 @@ def leaderboard_command(
         raise SwingupError(f"--{' and --'.join(asked)} exclude each other: choose one")
     check_outputs([".html"], page)
     boards, on = _boards(board), facts_of(plant)
+    drawing = [each.name for each in boards if each.domain is not None]
+    if drawing and (designed := [name for name in controller if name in BASELINES]):
+        raise SwingupError(
+            f"{designed[0]} is designed for a plant, and {drawing[0]} draws plants: swingup evaluate ROBOT --board "
+            f"{drawing[0]} --controller {designed[0]}"
+        )
     with foreign_prints_apart(), Progress() as progress:
         mine = {
             each: {name: controller_on(name, each, on or LEADERBOARD, given=on is not None) for name in controller}

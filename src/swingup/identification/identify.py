@@ -14,7 +14,7 @@ from ..common.checks import check_seeds
 from ..common.errors import SwingupError, one_line
 from ..common.files import write_map
 from ..loop.resolve import resolve
-from ..plant.files import representative, save_plant
+from ..plant.files import is_model_file, representative, save_plant
 from ..plant.plant import Plant, PlantLike
 from .conventions import check_columns
 from .fit import WARM_STAGES, Fit, between, draw_solutions, fit, fit_all, fit_start, pulled
@@ -77,7 +77,8 @@ class Identification:
         """Write the plant to files (.yml, .urdf or .xml), and the domain beside the first; returns its path."""
         logs = one_line(", ".join(recording.name for recording in self.recordings), 500)
         source = f"Source: swingup {__version__} identify, from {logs}."
-        for each in (path, *more):
+        # Models first: one that is refused leaves no plant without its domain.
+        for each in sorted((path, *more), key=lambda each: not is_model_file(str(each))):
             note = "SI units. m1, m2, r1, r2 and I1 are one choice of many that move alike."
             save_plant(each, self.plant, [source, note])
         beside = Path(path).with_name(f"{Path(path).stem}-domain.yml")

@@ -237,8 +237,8 @@ def find_turns(first: Float[np.ndarray, "2"]) -> list[str]:
     return [
         f"angle {joint} begins {turns:g} turns from 0: set its encoder to 0 there before a run, since the safety "
         "guard counts turns"
-        for joint, turns in enumerate(np.round(first / (2 * np.pi)), start=1)
-        if turns
+        for joint, (angle, turns) in enumerate(zip(first, np.round(first / (2 * np.pi)), strict=True), start=1)
+        if turns and abs(angle - 2 * np.pi * turns) < np.pi / 2  # not where it begins upright
     ]
 
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .log_checks import MINIMUM_ROWS
+from .log_checks import MINIMUM_ROWS, longest_step
 from .recording import Recording
 
 REACH = 0.02  # half width of the polynomial's support (s)
@@ -143,9 +143,13 @@ def clear_of_gaps(
     recording: Recording, begin: Float[np.ndarray, "spans"], end: Float[np.ndarray, "spans"]
 ) -> Bool[np.ndarray, "spans"]:
     """Whether spans of a log from ``begin`` to ``end`` (s), with what the smoother sees beyond, cross no gap."""
-    gaps, reach = np.flatnonzero(recording.gaps), max(REACH, 3.0 * recording.period)
+    gaps, seen = np.flatnonzero(recording.gaps), recording.time[recording.fresh]
+    # A sensor may be slower than the loop: its own rows are what the smoother sees.
+    period = float(np.median(np.diff(seen))) if len(seen) > 1 else recording.period
+    holes, reach = np.flatnonzero(np.diff(seen) > longest_step(period)), max(REACH, 3.0 * period)
+    lefts, rights = [*recording.time[gaps], *seen[holes]], [*recording.time[gaps + 1], *seen[holes + 1]]
     clear = np.ones(len(begin), bool)
-    for left, right in zip(recording.time[gaps], recording.time[gaps + 1], strict=True):
+    for left, right in zip(lefts, rights, strict=True):
         clear &= (right <= begin - reach) | (left >= end + reach)
     return clear
 

@@ -408,7 +408,7 @@ def _record(
     newest = state.angles[0] + ops.nearest(q - state.angles[0])
     angles = xp.concatenate([newest[None], state.angles[:-1]])
     # The time before the first call means nothing, and a step of 0 would make infinite rates.
-    step = ops.where(first, period, ops.maximum(step, MIN_STEP * period))
+    step = ops.where(first | (step <= 0.0), period, step)
     steps = xp.concatenate([ops.vector([step]), state.steps[:-1]])
     evidence, age = _follow_age(ops, state, angles, steps)
     delay_steps = ops.maximum(delay_steps, age)

@@ -184,13 +184,20 @@ class FolderController:
         # The first period begins when it is asked for.
         self._begin, self._time, self._call_begin = -math.inf, 0.0, -math.inf
         self._held, self._busy = np.zeros(2), False
+        self.fault: SwingupError | None = None  # The first of the process, which cannot answer any more
 
     def get_control_output(self, x: np.ndarray, t: float) -> np.ndarray:
         """The torques (2,) (N m) that act from time t (s), for the state x (4,) that is measured then."""
+        if self.fault is not None:
+            raise self.fault
         end = math.inf if self._period is None else self._wait(t, self._period) + self._period
-        if not self._busy:
-            self._process.send(t, x)
-        reply = self._process.receive(end - time.perf_counter())
+        try:
+            if not self._busy:
+                self._process.send(t, x)
+            reply = self._process.receive(end - time.perf_counter())
+        except SwingupError as error:
+            self.fault = error
+            raise
         self._busy = reply is None
         if reply is None:
             self.timing.missed_deadlines += 1

@@ -20,6 +20,7 @@ from ..common.errors import SwingupError
 from ..controllers.check import spread
 from ..controllers.interface import PythonController
 from ..loop.domain import Domain
+from ..loop.loop import LOOP_DT
 from ..loop.resolve import NO_LOOP
 from ..loop.supervisors import Limits
 from ..plant.plant import PlantLike, Robot, get_robot
@@ -128,13 +129,19 @@ def rehearse(
     runs, timing, stops, first = list[Run](), Timing(), list[dict[str, Any] | None](), None
     for case in cases:
         with FolderProcess(found, simulated_clock=not real_time, calling=calling) as process:
-            rows = _rows(FolderController(process, board.dt if real_time else None, timing), board, setting, case)
+            # The loop's own nominal period, as it was drawn: every rehearsal draws a loop.
+            assert case.scenario.disturbance is not None
+            period = board.dt * float(case.scenario.disturbance.loop.period) / LOOP_DT
+            folder_controller = FolderController(process, period if real_time else None, timing)
+            rows = _rows(folder_controller, board, setting, case)
             stop = process.stop()
         counted, end = recorded(rows, board.duration)
         run = board.score(case, counted, None, end)
         # The board has the guard's limits: it found a motion beyond one by itself.
         if stop is not None and run.tip is not None and run.tip.cause != "beyond a limit":
-            run = dataclasses.replace(run, tip=dataclasses.replace(run.tip, failure=stop["why"], cause="stopped"))
+            tip = dataclasses.replace(run.tip, failure=stop["why"], cause="stopped")
+            lost = run.criteria and dataclasses.replace(run.criteria, success=False, swingup_time=None, score=0.0)
+            run = dataclasses.replace(run, success=False, score=0.0, criteria=lost, tip=tip)
         runs.append(run)
         stops.append(stop)
         first = first or counted
@@ -158,7 +165,11 @@ def _rows(controller: FolderController, board: SwingUpBoard, setting: Setting, c
     loop = case.scenario, board.dt
     # Two steps first, in which the simulation is compiled: the controller's clock does not run yet.
     run_one(PythonController(lambda x, t: (0.0, 0.0)), *loop, 2, setting.domain.depth)
-    return run_one(PythonController(controller), *loop, steps_of(board, setting), setting.domain.depth)
+    steps, depth = steps_of(board, setting), setting.domain.depth
+    rows = run_one(PythonController(controller), *loop, steps, depth, board.duration)
+    if controller.fault is not None:  # on a sample of NaN, after which the simulation went on
+        raise controller.fault
+    return rows
 
 
 def _robot(given: Robot | str | None, said: Any, folder: Folder) -> Robot:
