@@ -159,8 +159,15 @@ def test_a_progress_bar_is_a_terminals_or_a_notebooks(noisy, monkeypatch, capfd,
     assert (output, f"{noisy.frames:,} frames" in errors) == ("", not notebook)
 
 
+class Watched(Noisy):
+    closed = False
+
+    def close(self):
+        self.closed = True
+
+
 def test_what_is_being_trained_on_is_not_evaluated_on():
-    env, refused = Noisy(), []
+    env, refused = Watched(), []
 
     def evaluate(model, report):
         refused.extend(refusal(entry) for entry in (lambda: play(model, env), lambda: model.evaluate(env=env)))
@@ -169,18 +176,21 @@ def test_what_is_being_trained_on_is_not_evaluated_on():
     model = AREAPO(env, **settings).learn(64, evaluate)
     assert len(refused) == 2
     assert all("is being trained on, and its episode would be lost" in told for told in refused)
+    assert not env.closed
     assert play(model, env, 2).lengths  # now nothing is lost: the next learn begins with a reset
 
 
 @pytest.mark.parametrize(("seeds", "episodes"), [(1, 2), (1, 1), (2, 0)])
 def test_a_function_that_returns_one_environment_is_refused_at_once(seeds, episodes):
     settings = TINY | {"num_envs": 1, "batch_size": 16, "evaluation_episodes": episodes}
-    env = Noisy()
+    env = Watched()
     assert "pass the environment itself" in refusal(AREAPO, lambda: env, seeds=seeds, **settings)
+    assert not env.closed  # it is the caller's
 
 
 def test_what_is_trained_on_is_named_and_not_its_wrapper():
-    assert AREAPO(gymnasium.make("CartPole-v1")).settings.problem.name.endswith(".CartPoleEnv>")
+    for env, name in ((gymnasium.make("CartPole-v1"), "CartPoleEnv"), (Noisy, "Noisy"), ([Stairs] * 2, "Stairs")):
+        assert AREAPO(env).settings.problem.name.endswith(f".{name}>")
 
 
 def test_a_tasks_whole_numbers_are_traced():

@@ -198,9 +198,11 @@ def _run_compiled(
     finally:  # an interrupt must not wait for the parts that still run
         pool.shutdown(wait=False, cancel_futures=True)
     final, faults, rows = jax.tree.map(lambda *leaves: np.concatenate(leaves)[:number], *results)
-    times = [k * span.dt if rows is None else float(rows.time[run, k]) for run, k in enumerate(faults)]
-    what = "it gave a torque that is not finite at t = {:g} s: correct it there"
-    told = [what.format(t) if k >= 0 and t < duration else None for k, t in zip(faults, times, strict=True)]
+    told: list[str | None] = [None] * number
+    for index in np.flatnonzero(faults >= 0).tolist():
+        t = faults[index] * span.dt if rows is None else rows.time[index, faults[index]]
+        if t < duration:
+            told[index] = f"it gave a torque that is not finite at t = {t:g} s: correct it there"
     return SimulatedBatch(final, told, rows)
 
 

@@ -78,7 +78,7 @@ class Identification:
         logs = one_line(", ".join(recording.name for recording in self.recordings), 500)
         source = f"Source: swingup {__version__} identify, from {logs}."
         # Models first: one that is refused leaves no plant without its domain.
-        for each in sorted((path, *more), key=lambda each: not is_model_file(str(each))):
+        for each in sorted((path, *more), key=is_model_file, reverse=True):
             note = "SI units. m1, m2, r1, r2 and I1 are one choice of many that move alike."
             save_plant(each, self.plant, [source, note])
         beside = Path(path).with_name(f"{Path(path).stem}-domain.yml")

@@ -145,11 +145,11 @@ def clear_of_gaps(
     """Whether spans of a log from ``begin`` to ``end`` (s), with what the smoother sees beyond, cross no gap."""
     gaps, seen = np.flatnonzero(recording.gaps), recording.time[recording.fresh]
     # A sensor may be slower than the loop: its own rows are what the smoother sees.
-    period = float(np.median(np.diff(seen))) if len(seen) > 1 else recording.period
+    period = float(np.median(np.diff(seen)))
     holes, reach = np.flatnonzero(np.diff(seen) > longest_step(period)), max(REACH, 3.0 * period)
-    lefts, rights = [*recording.time[gaps], *seen[holes]], [*recording.time[gaps + 1], *seen[holes + 1]]
+    spans = [(recording.time[k], recording.time[k + 1]) for k in gaps] + [(seen[k], seen[k + 1]) for k in holes]
     clear = np.ones(len(begin), bool)
-    for left, right in zip(lefts, rights, strict=True):
+    for left, right in spans:
         clear &= (right <= begin - reach) | (left >= end + reach)
     return clear
 

@@ -322,13 +322,15 @@ def make_environments(env: Any, num_envs: int, stream: bool = False) -> Environm
         # SAME_STEP spends no row on a reset; a stream is not to be reset by itself, either.
         mode = AutoresetMode.DISABLED if stream else AutoresetMode.SAME_STEP
         several = SyncVectorEnv([functools.partial(_one, make, stream) for make in makers], autoreset_mode=mode)
+    lent, held = isinstance(env, gymnasium.Env) and own is not None, {id(each.unwrapped) for each in several.envs}
     try:
-        if len({id(each.unwrapped) for each in several.envs}) < num_envs:
+        if len(held) < num_envs:
             raise SwingupError(f"{name} {SAME_AGAIN}")
-        return Environments(several, name, isinstance(env, gymnasium.Env) and own is not None, stream)
+        return Environments(several, name, lent, stream)
     except SwingupError:
-        # The caller never sees these environments and cannot close them.
-        several.close()
+        # The caller never sees new environments and cannot close them; others are somebody's.
+        if not lent and len(held) == num_envs and not held & (OCCUPIED | RUNNING.keys()):
+            several.close()
         raise
 
 

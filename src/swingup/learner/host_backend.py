@@ -102,8 +102,10 @@ class HostBackend(AbstractBackend):
             for _ in seeds:
                 self._environments.append(make_environments(env, config.num_envs, stream))
                 stack.callback(self._environments[-1].close)
-            if callable(env) and config.num_envs == 1 and not passed_in and not stream:
-                self._refuse_one(env, name, another=bool(episodes))
+            alone = callable(env) and config.num_envs == 1 and not passed_in and not stream
+            if alone and self._share_one(env, another=bool(episodes)):
+                stack.pop_all()  # it is the caller's, and stays open
+                raise SwingupError(f"{name} {SAME_AGAIN}, or pass the environment itself")
             stack.pop_all()  # all were made
         first = self._environments[0]
         self._config, self._seeds = config, seeds
@@ -112,16 +114,15 @@ class HostBackend(AbstractBackend):
         self._scored_by_training = passed_in or not episodes
         self._training_results = [Evaluation(None) for _ in seeds]  # before the first step
 
-    def _refuse_one(self, env: Callable[[], Any], name: str, another: bool) -> None:
-        """Refuse a function that returns one environment each time, which seeds or evaluations would share."""
+    def _share_one(self, env: Callable[[], Any], another: bool) -> bool:
+        """Whether a function returns one environment each time, which seeds or evaluations would share."""
         made = [identity for each in self._environments for identity in each.identities]
         if another and len(made) == 1:
-            probe = env()
-            made.append(id(probe.unwrapped))
+            probe = make_environments(env, 1)
+            made += probe.identities
             if made[0] != made[1]:
                 probe.close()
-        if len(set(made)) < len(made):
-            raise SwingupError(f"{name} {SAME_AGAIN}, or pass the environment itself")
+        return len(set(made)) < len(made)
 
     def init(self) -> LearnerState:
         """The state before the first iteration; the environments are not reset yet."""

@@ -440,6 +440,7 @@ def _describe(env: Any) -> str:
         env = env[0]
     if isinstance(env, AbstractAdaptedTask):
         env = env.named_after
-    env = getattr(env, "unwrapped", env)  # a wrapper is not what is trained on
+    if not isinstance(env, type):  # of a class it is a property
+        env = getattr(env, "unwrapped", env)  # a wrapper is not what is trained on
     named = env if hasattr(env, "__qualname__") else type(env)
     return f"<{named.__module__}.{named.__qualname__}>"

@@ -112,12 +112,18 @@ def _predictions(recording: Recording, predicted: Mapping[str, Segments]) -> lis
     return _states(series)
 
 
+def _interrupted(recording: Recording, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The times of a log and values, with a row of NaN in each gap."""
+    gaps = np.flatnonzero(recording.gaps) + 1
+    return np.insert(recording.time, gaps, recording.time[gaps - 1]), np.insert(values, gaps, np.nan)
+
+
 def _over_time(comparison: Comparison) -> Part:
     recording = comparison.recording
     names = [each.name for each in comparison.predictions]
     panels = _predictions(recording, dict(zip(names, comparison.drawn, strict=True)))
     for joint in np.flatnonzero(recording.driven):
-        u = Curve("log", recording.time, recording.u[:, joint], look=THIN, steps=True)
+        u = Curve("log", *_interrupted(recording, recording.u[:, joint]), look=THIN, steps=True)
         panels.append(Panel(TIME, TORQUES[joint], [u]))
     best = ("", " (best for this log)")
     rows = [
@@ -301,10 +307,8 @@ def _friction(found: Identification) -> Part:
 def report_diagnosis(found: Diagnosis) -> LogReport:
     """Lay a diagnosis out: the causes, the loop and the plant, and the log itself."""
     recording = found.recording
-    gaps = np.flatnonzero(recording.gaps) + 1  # where a row of NaN interrupts the curves
-    time = np.insert(recording.time, gaps, recording.time[gaps - 1])
     columns = (*recording.q.T, *recording.dq.T, *recording.u.T)
-    series = [Curve("log", time, np.insert(each, gaps, np.nan)) for each in columns]
+    series = [Curve("log", *_interrupted(recording, each)) for each in columns]
     panels = [Panel(TIME, label, [each]) for label, each in zip((*STATES, *TORQUES), series, strict=True)]
     log = Part("Log", "What the controller saw and commanded.", (), Figure(panels, shared=True))
     return LogReport(f"Diagnosis of {recording.name}", found.answer, [*diagnosis_tables(found), log], found.lines)
