@@ -119,10 +119,6 @@ def test_a_guess_is_drawn_around():
         assert (getattr(low.plant, name), getattr(high.plant, name)) == pytest.approx(
             ((1 - share) * value, (1 + share) * value)
         )
-    # Also where half of 0.9 and 1.1 of a number is another one.
-    for name in ("C.0", "C.1", "cloudpendulum", "A.0"):
-        middle = resolve(name, "recorded", 0.1)
-        assert middle.design == middle.nominal_plant
     # The loop is the recorded one, in the pendulum's own units.
     assert (low.loop.lag, high.loop.lag) == (0.001, 0.004)
     assert low.loop.passive_limit == pytest.approx(0.5)

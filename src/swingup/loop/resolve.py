@@ -148,7 +148,7 @@ def _guessed(facts: Domain, share: float | None) -> Domain:
         values = {name: getattr(plant, name) * (1.0 + sign * part) for name, part in off.items()}
         return found._replace(plant=plant.changed(**values))
 
-    found = dataclasses.replace(
+    return dataclasses.replace(
         facts,
         low=end(-1, facts.low),
         high=end(1, facts.high),
@@ -157,8 +157,6 @@ def _guessed(facts: Domain, share: float | None) -> Domain:
         plant=plant,
         name=f"{facts.name} within {100 * share:g} %",
     )
-    # The middle of the ranges, up to rounding.
-    return dataclasses.replace(found, design=found.nominal_plant) if facts.design == plant else found
 
 
 def _in_loop(facts: Domain, domain: Domain) -> Domain:
