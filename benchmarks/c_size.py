@@ -19,8 +19,8 @@ import numpy as np
 from swingup.controllers.baselines.baselines import feedback_policy
 from swingup.export.c_header import c_header
 from swingup.export.c_text import Precision
-from swingup.policy.network import Layer, Network, NormaliseStage
 from swingup.policy.feedback import RobotPolicy
+from swingup.policy.network import Layer, Network, NormaliseStage
 from swingup.policy.policy import TaskPolicy, task_metadata
 from swingup.policy.shipped import load_policy
 from swingup.policy.spaces import box
@@ -53,6 +53,7 @@ cli();
 sleep_enable();
 sleep_cpu();
 """
+TOO_LARGE = "overflowed|too large|will not fit|64 kB|size of (array|variable)"
 M4 = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-nostartfiles", "--specs=nosys.specs")
 AVR = ("-mmcu=atmega2560", "-include", "avr/io.h", "-include", "avr/sleep.h", "-include", "avr/interrupt.h")
 BOARDS = {
@@ -155,7 +156,7 @@ def main() -> None:
                     flash, ram, test = measure(board, policy, precision)
                     row = f"{flash:,} | {ram:,} | {test}"
                 except subprocess.CalledProcessError as error:
-                    if not re.search("overflowed|too large|will not fit|64 kB|size of (array|variable)", error.stderr):
+                    if not re.search(TOO_LARGE, error.stderr):
                         raise
                     row = "too large | | "
                 print(f"| {name} | {processor} | {precision} | {row} |", flush=True)

@@ -72,6 +72,10 @@ def test_the_command_of_a_result_repeats_it(run_json):
 
 def test_the_commands_of_several_boards_repeat_them(run_json, change_boards):
     change_boards("robustness", duration=0.1)
+    change_boards("uptime", duration=1.0, throws=1, first_throw=0.5, jitter=0.1)
+    for each in run_json(f"{PLAIN} --board performance uptime --seeds 2"):
+        assert ("--seeds=2" in each["command"]) == (each["board"] == "uptime")
+        assert run_json(each["command"].removeprefix("swingup "))["score"] == each["score"]
     words = f"{PLAIN} --board performance robustness --criteria delay --grid delay=0:0:2"
     for each in run_json(words):
         assert ("--criteria" in each["command"]) == (each["board"] != "performance")

@@ -136,7 +136,7 @@ def evaluate_command(
     loop: Any = {"plant": on, "domain": domain, "disturbance": disturbed}
     boards, results = _boards(board, criteria, grid), []
     settings = [make_setting(robot, each, **loop) for each in boards]
-    if (seeds or 0) > 1 and not any(map(AbstractBoard.is_random, boards, settings)):
+    if (seeds or 0) > 1 and not any(each.is_random(on) for each, on in zip(boards, settings, strict=True)):
         raise SwingupError(f"--seeds {seeds}: nothing on {' '.join(board)} is random: leave it out")
     if save is not None:
         if len(boards) > 1 or not boards[0].keeps_rows:

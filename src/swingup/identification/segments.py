@@ -147,9 +147,10 @@ def clear_of_gaps(
     # A sensor may be slower than the loop: its own rows are what the smoother sees.
     period = float(np.median(np.diff(seen)))
     holes, reach = np.flatnonzero(np.diff(seen) > longest_step(period)), max(REACH, 3.0 * period)
-    spans = [(recording.time[k], recording.time[k + 1]) for k in gaps] + [(seen[k], seen[k + 1]) for k in holes]
+    lefts = np.concatenate([recording.time[gaps], seen[holes]])
+    rights = np.concatenate([recording.time[gaps + 1], seen[holes + 1]])
     clear = np.ones(len(begin), bool)
-    for left, right in spans:
+    for left, right in zip(lefts, rights, strict=True):
         clear &= (right <= begin - reach) | (left >= end + reach)
     return clear
 
