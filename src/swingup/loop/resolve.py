@@ -14,7 +14,15 @@ from ..common.checks import one_of
 from ..common.errors import SwingupError, naming, one_line, quoted
 from ..common.files import has_suffix
 from ..common.yaml_map import read_map
-from ..plant.files import PARAMETER_FILES, PLANT_FILES, SHIPPED_PLANTS, base_plant, is_model_file, load_plant
+from ..plant.files import (
+    PARAMETER_FILES,
+    PLANT_FILES,
+    SHIPPED_PLANTS,
+    base_plant,
+    is_model_file,
+    load_plant,
+    with_both_limits,
+)
 from ..plant.plant import NAMES, ZEROS, Plant, PlantLike, make_plant
 from ..plant.units import scaled, scales_of
 from .domain import MOTORS, TORQUE_LIMIT, Domain, PlantInLoop
@@ -112,9 +120,7 @@ def _domain_of(content: Mapping[str, Any], name: str = "DOMAIN.yml", folder: str
         for source in (values.pop("plant", None), values.pop("design", None))
     )
     ranges = {each: _range(each, value) for each, value in values.items()}
-    if twice := [each for each in MOTORS if each in ranges and TORQUE_LIMIT in ranges]:
-        raise SwingupError(f"{', '.join(twice)} and {TORQUE_LIMIT} say the same: give one of them")
-    ends = ranges | (dict.fromkeys(MOTORS, ranges[TORQUE_LIMIT]) if TORQUE_LIMIT in ranges else {})
+    ends = with_both_limits(ranges)
     if named is None and not ends.keys() >= set(PLANT):
         raise SwingupError(
             f"domain {one_line(name)} lacks its plant: add 'plant', one of {', '.join(SHIPPED_PLANTS)}, "

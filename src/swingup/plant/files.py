@@ -112,12 +112,17 @@ def _entries(file: str | Path) -> dict[str, Any]:
     # Here, since a robot that runs a policy may lack PyYAML.
     from ..common.yaml_map import read_map
 
-    entries = read_map(file, "parameter")
-    if (both := "torque_limit") in entries:  # a domain's name
-        if twice := [name for name in ("tl1", "tl2") if name in entries]:
-            raise SwingupError(f"{', '.join(twice)} and {both} say the same: give one of them")
-        entries |= dict.fromkeys(("tl1", "tl2"), entries[both])
-    return entries
+    return with_both_limits(read_map(file, "parameter"))
+
+
+def with_both_limits(entries: dict[str, Any]) -> dict[str, Any]:
+    """Entries of a plant's or a domain's file, where ``torque_limit`` stands for the limits of both motors."""
+    if (both := "torque_limit") not in entries:
+        return entries
+    motors = ("tl1", "tl2")
+    if twice := [name for name in motors if name in entries]:
+        raise SwingupError(f"{', '.join(twice)} and {both} say the same: give one of them")
+    return entries | dict.fromkeys(motors, entries[both])
 
 
 TEMPLATES = {".urdf": "pendulum.urdf", ".xml": "pendulum.xml", ".mjcf": "pendulum.xml"}
