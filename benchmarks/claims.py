@@ -42,6 +42,16 @@ SHORT = {
         "--env Pendulum-v1 --seed 720 --frames 32768",
         "--env MountainCarContinuous-v0 --seed 720 --frames 32768",
     ],
+    "ablations.md": [
+        "acrobot --schedule constant --frames 65536",
+        "acrobot --schedule constant --frames 65536 --gain none --discount 0.99 0.99 --no-centre-values",
+    ],
+    "continuing-claims.md": ["--env swingup.continuing:swingup/ContinuingWalker2d-v0 --seed 20 --frames 20000"],
+    "continuing-stream.md": [
+        "--env swingup.continuing:swingup/ContinuingReacher-v0 --resets never --seed 2 --frames 20000"
+    ],
+    "mujoco.md": ["--env Hopper-v5 --preset continuing --seed 20 --frames 20000"],
+    "ppo.md": ["--env CartPole-v1 --preset ppo --num-envs 8 --num-steps 256 --frames 20480"],
 }
 """Options of `swingup train`, by the page of a claim that trainings like these have made."""
 CLOCK = {"seconds", "frames_per_second", "longest_pause"}

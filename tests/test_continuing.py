@@ -84,6 +84,14 @@ def test_a_target_or_an_object_moves_at_intervals(task, every, place):
     assert (norms < 0.2).all() if task == "Reacher" else (norms > 0.17).all()
 
 
+def test_the_reachers_reward_is_v4s():
+    env = made("Reacher")
+    for _ in range(120):  # beyond two moves of the target
+        body, action = env._env.get_body_com, env.action_space.sample()
+        distance = np.linalg.norm(body("fingertip") - body("target"))
+        assert env.step(action)[1] == pytest.approx(-distance - np.sum(action**2))
+
+
 def test_chosen_resets():
     env = made("HopperChosenResets")
     assert (env.action_space.low[-1], env.action_space.high[-1], env.action_space.shape) == (0.0, 1.0, (4,))

@@ -30,6 +30,7 @@ class ContinuingTask:
     arguments: Mapping[str, Any] = field(default_factory=dict)  # What the base task is made with
     resets: bool = False  # Whether the task has resets: predefined ones, or chosen by the policy
     last_reward: float = 0.0  # What v4 pays for health in the step of a fall, and v5 does not
+    pays_before: bool = False  # Whether v4's reward is of the state before the step, where v5's is of the one after
     fell: Callable[[Any], bool] = lambda env: False
     """Whether the body fell, where the base task does not say so."""
     prepare: Callable[[Any], None] = lambda env: None  # Changes the base task's model
@@ -78,7 +79,7 @@ _ANT = {"contact_cost_weight": 0.0, "include_cfrc_ext_in_observation": False}
 CONTINUING = {
     "Swimmer": ContinuingTask("Swimmer-v5", observe=_wrap_angles),
     "HumanoidStandup": ContinuingTask("HumanoidStandup-v5"),
-    "Reacher": ContinuingTask("Reacher-v5", move_every=50, move=_move_target),
+    "Reacher": ContinuingTask("Reacher-v5", pays_before=True, move_every=50, move=_move_target),
     "Pusher": ContinuingTask("Pusher-v5", move_every=100, move=_move_object),
     "SpecialAnt": ContinuingTask("Ant-v5", {**_ANT, "terminate_when_unhealthy": False}, prepare=_widen_joints),
     "HalfCheetah": ContinuingTask("HalfCheetah-v5", resets=True, fell=_lies),
@@ -156,7 +157,9 @@ class ContinuingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if self._chosen:
             reset = bool(self.np_random.random() < action[-1])
             action = action[:-1]
+        before = self._env._get_rew(action)[0] if self._task.pays_before else None
         observation, reward, fell, _, info = self._env.step(action)
+        reward = reward if before is None else before
         if not self._chosen:
             reset = fell or self._task.fell(self._env)
             reward += self._task.last_reward * fell
