@@ -58,7 +58,7 @@ $(READY): pyproject.toml
 	@mkdir -p $(VENV) && touch $(OURS)
 	@echo "installing swingup and its tools in $(VENV): some minutes, once"
 	@$(PYTHON) -m venv $(VENV) || { echo "make: '$(PYTHON) -m venv $(VENV)' failed:" \
-		"install venv (Debian: python3-venv), or $(ANOTHER_PYTHON)" >&2; exit 2; }
+		"install venv (Debian: python3-venv); or make clean, then $(ANOTHER_PYTHON)" >&2; exit 2; }
 	@$(INSTALL) || { echo "make: '$(INSTALL)' failed, so that $(VENV) is not ready; repeat make" \
 		"with a network; behind a proxy: HTTPS_PROXY=URL make; from a mirror: PIP_INDEX_URL=URL make;" \
 		"offline: PIP_NO_INDEX=1 PIP_FIND_LINKS=FOLDER make; where a package lacks this Python:" \

@@ -369,6 +369,12 @@ def test_a_preset_gets_the_sizes_of_a_stream_and_what_has_no_effect_is_refused(t
     grid = {"reset_cost": [1.0, 10.0]}
     assert "reset_cost has no effect with terminations = 'end'" in refusal(plan_jobs, BASE, grid, [0], tmp_path)
     assert len(plan_jobs(BASE, grid | {"terminations": ["end", "reset_cost"]}, [0], tmp_path)) == 4
+    # Both presets end the return at an end; continuing charges for one.
+    vain, one = ({"preset": ["ppo", other]} | grid for other in ("episodes", "continuing"))
+    assert "reset_cost has no effect" in refusal(plan_jobs, BASE, vain, [0], tmp_path)
+    assert len(plan_jobs(BASE, one, [0], tmp_path)) == 4
+    fixed = make_run_settings("Pendulum-v1", "ppo", {"learning_rate": 1e-4})
+    assert "learning_rate cannot stay fixed" in refusal(plan_jobs, fixed, one, [0], tmp_path)
 
 
 def test_searches_that_are_refused(tmp_path, searched, monkeypatch):
@@ -376,6 +382,8 @@ def test_searches_that_are_refused(tmp_path, searched, monkeypatch):
         assert named in refusal(searched, tmp_path, 2, StandIn(), space, **options)
 
     searched(tmp_path, 1, StandIn())
+    refused("temperature = 0.0: put it into the space", temperature=0.0)
+    refused("setting 'eval_every'", eval_every=9)
     refused("a search with another frames, space", SPACE | {"num_epochs": "1:8"}, frames=999)
     with RunFolder(tmp_path).exclusive():
         refused("another process trains in")

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .common.errors import SwingupError
 from .common.types import Action, Count, Flag, Key, Observation, Scalar
 from .plant.plant import PlantLike
 from .tasks.pendulum import AbstractPendulumTask
@@ -94,6 +95,8 @@ class PendulumEnvironment:
                 passed in comes with a plant.
         """
         chosen = find_task(task, robot, plant)
+        if not isinstance(chosen, AbstractPendulumTask):
+            raise SwingupError(f"{type(chosen).__name__} is not in gymnax's form: pass it to swingup.AREAPO")
         self.default_params = PendulumParams(dataclasses.replace(chosen, max_steps=NO_LIMIT), chosen.max_steps)
         self.name = f"swingup/{chosen.robot.name.capitalize()}"
         self.dt = float(chosen.dt)

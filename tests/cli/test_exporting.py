@@ -1,6 +1,7 @@
 """The commands export and plant: what they write runs where it is meant to, and bad input leaves nothing."""
 
 import dataclasses
+import os
 import runpy
 from pathlib import Path
 
@@ -42,6 +43,13 @@ def test_a_folder_does_not_hide_a_shipped_policy_and_a_law_is_exported_again(run
 def test_zeros_that_are_given_are_subtracted(run):
     run("export adaptive --robot pendubot --zero1 0.04 --zero2=-0.03 --to c --out policy.h")
     assert "swingup_zeros[2] = {4.e-02, -3.e-02}" in Path("policy.h").read_text()
+
+
+def test_the_folder_that_one_stands_in_stays(run):
+    Path("entry").mkdir()
+    os.chdir("entry")
+    run("export adaptive --robot pendubot --to realaigym --out .")
+    assert sorted(os.listdir()) == ["con_swingup.py", "readmes", "swingup_controller"]
 
 
 def test_a_policy_file_and_the_entrys_names(run, tmp_path):

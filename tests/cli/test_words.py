@@ -3,6 +3,7 @@
 import contextlib
 import os
 import re
+import shlex
 import sys
 
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from swingup.areapo.config import HYPERPARAMETERS
 from swingup.cli import commands, main
 from swingup.cli.arguments import split_commas
-from swingup.cli.commands import COMMANDS, NARROWEST
+from swingup.cli.commands import COMMANDS, NARROWEST, gathered
 from swingup.cli.results import WHAT_TO_TRY
 from swingup.controllers.registry import BUILT_IN
 
@@ -58,6 +59,16 @@ NONSENSE = [
     ("export ilqr-mpc --robot acrobot --to c --out x", "ilqr-mpc cannot be exported: use lqr"),
     ("export --robot acrobot --to c --out x --seed 3", "--seed goes with --to trajectory"),
     ("export tvlqr --robot acrobot --to trajectory --out t.csv --zero1 3", "--zero1 is of a controller"),
+    (
+        "export tvlqr --robot acrobot --plant C.0 --to realaigym --out x --username a,b",
+        "'a,b' does not fit an entry",
+    ),
+    ("export --robot acrobot --to c --out x.h --username Ada", "--username 'Ada' is for RealAIGym's leaderboard"),
+    (
+        "export tvlqr --robot acrobot --to trajectory --out t.csv --name twin",
+        "--name twin is of folders and C headers",
+    ),
+    ("identify log.csv --known", "--known has no value"),
     ("export tvlqr --robot acrobot --to trajectory --out t.csv --no-guard", "--no-guard is of a controller"),
     ("make-controller C.1 --robot acrobot --to numpy --out x", "use one of realaigym, cloudpendulum, c"),
     ("export --robot acrobot --to realaigym --out full", "full is there already"),
@@ -184,3 +195,10 @@ def test_what_the_system_refuses_is_not_laid_to_standard_output(monkeypatch, cap
 def test_commas_within_parentheses_belong_to_a_value():
     values = "q1=atan2(s,sin(c)),q2=b", "u1=clip(8*(a-b),-1,1)"
     assert split_commas(*values) == ("q1=atan2(s,sin(c))", "q2=b", "u1=clip(8*(a-b),-1,1)")
+
+
+def test_values_of_an_option_that_is_given_twice_count_together():
+    words = shlex.split("log.csv --known a=1 b=2 --seed 3 --known=c=4 more.csv --test x --known d=5")
+    expected = "log.csv more.csv --known a=1 b=2 c=4 d=5 --seed 3 --test x"
+    assert shlex.join(gathered(words, {"--known", "--test"})) == expected
+    assert gathered(words, ()) == words

@@ -20,6 +20,7 @@ from swingup.learner.environments import make_environments
 from swingup.learner.problem import make_problem
 from swingup.plant.plant import ROBOTS
 from swingup.policy.network import Layer, Network
+from swingup.tasks.acrobot_swingup import AcrobotSwingup
 from swingup.tasks.adapters import EnvelopeTask, GymnaxTask, as_task
 from swingup.tasks.presets import smooth_task
 from swingup.tasks.task import AbstractTask
@@ -37,6 +38,10 @@ class Like(gymnasium.Env):
 
     action_size, init = 3, print
     observation_space = action_space = gymnasium.spaces.Box(-1.0, 1.0)
+
+
+def test_a_task_of_another_kind_is_not_in_gymnaxs_form():
+    assert "AcrobotSwingup is not in gymnax's form" in refusal(PendulumEnvironment, "acrobot", AcrobotSwingup())
 
 
 def test_an_environment_of_gymnasiums_is_one_whatever_it_has_besides():

@@ -323,5 +323,7 @@ def test_what_cannot_be_written(tmp_path):
     # m2 r2 = 0.16 and l1 = 0.2: a positive I1 + m2 l1² = 0.057 lets m2 be 1.35 kg at most, so that I2 ≥ 0.019.
     slim = plant.changed(I2=0.015, I1=0.04)
     assert "no bodies move as this plant does" in refusal(save_plant, tmp_path / "x.urdf", slim)
+    passive = plant.changed(tl1=0.0, tl2=0.0)
+    assert "it would lose gr of a plant without motors" in refusal(save_plant, tmp_path / "x.xml", passive)
     assert "cannot write" in refusal(save_plant, tmp_path / "x.txt", plant)
     assert [*tmp_path.iterdir()] == []

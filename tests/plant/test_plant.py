@@ -162,6 +162,7 @@ BAD_FILES = {
     "gr = [6] is a range, and a plant has facts": {"gr": [6]},
     "mine.yml lacks m2, l1": "m1: 1",
     "m1 = [0.6, 0.7] is a range": "plant: B.0\nm1: [0.6, 0.7]",
+    "unknown name 'M_2': write m2": "plant: B.0\nM_2: 0.6",
 }
 
 

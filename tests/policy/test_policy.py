@@ -168,6 +168,11 @@ def test_a_space_survives_its_file(space):
     assert (again.shape, again.dtype, again.choices) == (space.shape, space.dtype, space.choices)
 
 
+def test_bounds_whose_difference_half_precision_cannot_hold():
+    wide = box((1,), -40000.0, 40000.0, "float16")
+    assert wide(np.float32([[-1.0], [0.0], [1.0]])).ravel().tolist() == [-40000.0, 0.0, 40000.0]
+
+
 def test_spaces_without_numbers_are_refused():
     one, several = {"type": "discrete"}, {"type": "multi_discrete"}
     for entry in (

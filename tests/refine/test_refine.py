@@ -34,7 +34,7 @@ from swingup.refine.gradient import (
     measure_episode,
     sample_episodes,
 )
-from swingup.refine.recipe import GUESS, RefinementReport, run_recipe
+from swingup.refine.recipe import GUESS, RefinementReport, for_similar_plant, run_recipe
 from swingup.tasks.task import PendulumStage
 
 ACROBOT = get_robot("acrobot")
@@ -196,6 +196,23 @@ def test_a_recipe_reports_repeats_itself_and_keeps_the_observation(monkeypatch):
     assert not np.array_equal(weights[0], weights[1])
     assert (first.network.stages, first.parts) == (policy.network.stages, ("estimator",))
     assert policy_alone(first).policy.actor.std_head is None
+
+
+def test_a_policy_of_less_torque_than_its_motors_keeps_its_share():
+    weak = policy_alone(dataclasses.replace(policy_of(small()), torque_limit=2.4))
+    plant = load_plant("cloudpendulum-rods")
+    assert for_similar_plant(weak, plant).torque_limit == pytest.approx(0.4 * 0.13)
+    assert for_similar_plant(weak, LEADERBOARD).torque_limit == 2.4
+
+
+def test_a_policy_of_another_plant_is_not_moved_without_a_word(monkeypatch, caplog):
+    monkeypatch.setattr("swingup.refine.recipe.recover", lambda controller, *rest: controller)
+    shipped = load_policy("adaptive", "pendubot")
+    weaker = dataclasses.replace(shipped, plant=shipped.plant.changed(tl1=3.0), torque_limit=3.0)
+    assert run_recipe(shipped, "recover").torque_limit == 6.0
+    assert caplog.text == ""
+    assert run_recipe(weaker, "recover").torque_limit == 6.0
+    assert "refined on the leaderboards': the policy was made for a plant" in caplog.text
 
 
 @pytest.mark.slow

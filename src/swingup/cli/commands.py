@@ -6,13 +6,14 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Annotated, get_type_hints
 
 import tyro
 from tyro.conf import DisallowNone, OmitArgPrefixes, arg
 
 from ..common.checks import one_of, swingup_name
+from ..common.errors import SwingupError
 from .demonstrating import demo_command
 from .exporting import export_command, plot_command, rehearse_command
 from .judging import evaluate_command, leaderboard_command, score_command
@@ -78,14 +79,39 @@ def parse(words: Sequence[str]) -> Ready:
     if name.startswith("-"):
         return _parse_alone(words)
     command = COMMANDS[one_of("command", name, COMMANDS)]
+    lists = {f"--{each}" for each, hint in get_type_hints(command).items() if hint == tuple[str, ...]}
     try:
-        return tyro.cli(_bound(command), prog=f"{PROGRAM} {name}", args=rest, config=SETTINGS)
+        return tyro.cli(_bound(command), prog=f"{PROGRAM} {name}", args=gathered(rest, lists), config=SETTINGS)
     except SystemExit as stopped:
         for word in rest if stopped.code else []:
             # Tyro suggests what is spelt alike. Other packages have other words for the same thing.
             if hint := swingup_name(word.removeprefix("--").replace("-", "_")):
                 print(f"{PROGRAM}: {word}{hint}", file=sys.stderr)
         raise
+
+
+def gathered(words: Sequence[str], lists: Collection[str]) -> list[str]:
+    """The words with all values of a list option behind its first mention; tyro takes the last mention alone."""
+    groups: list[list[str]] = [[]]
+    into = groups[0]
+    for word in words:
+        option, equals, value = word.partition("=")
+        if option in lists:
+            into = next((group for group in groups if group[:1] == [option]), [])
+            if not into:
+                groups.append(into)
+                into.append(option)
+            if equals:
+                into.append(value)
+                into = groups[0]  # what follows is not another value
+        elif word.startswith("--"):
+            groups.append(into := [word])
+        else:
+            into.append(word)
+    for option, *values in groups[1:]:
+        if option in lists and not values:  # from a shell's variable that is not set
+            raise SwingupError(f"{option} has no value: give one or more, or leave the option out")
+    return [word for group in groups for word in group]
 
 
 def _parse_alone(words: Sequence[str]) -> Ready:

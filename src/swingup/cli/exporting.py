@@ -32,8 +32,10 @@ from ..export.folder import FORMS as FOLDERS
 from ..export.folder import (
     NAME,
     ROBOT_FORMS,
+    USERNAME,
     check_export_name,
     check_new,
+    check_username,
     cloudpendulum_guard,
     cloudpendulum_notes,
     export_folder,
@@ -82,7 +84,7 @@ def export_command(
     to: Annotated[str, word_of("format", *FORMS)],
     out: Annotated[str, arg(metavar="PATH")],
     robot: RobotName | None = None,
-    username: str = "swingup",
+    username: str = USERNAME,
     name: str = NAME,
     precision: Annotated[Precision, word_of("precision", *get_args(Precision))] = "double",
     guard: bool = True,
@@ -123,7 +125,7 @@ def export_command(
             baseline is designed for. A swing-up for another plant than the leaderboards' takes minutes.
         seed: compute the trajectory, shipped or not, from first torques of this seed.
     """
-    check_destination(to, out, name)
+    check_destination(to, out, name, username)
     if estimator is not None and (to == TRAJECTORY or policy not in BASELINES):
         raise SwingupError("--estimator goes with a baseline's controller: leave it out")
     if precision != "double" and to != "c":
@@ -169,9 +171,14 @@ def _needed(robot: Robot | None, policy: str) -> Robot:
     return robot
 
 
-def check_destination(to: str, out: str, name: str) -> None:
+def check_destination(to: str, out: str, name: str, username: str = USERNAME) -> None:
     """Refuse, before work of minutes, what could not be written after it."""
     check_export_name(name)
+    check_username(username)
+    if username != USERNAME and to != "realaigym":
+        raise SwingupError(f"--username {quoted(username)} is for RealAIGym's leaderboard: leave it out")
+    if name != NAME and to in ("onnx", TRAJECTORY):
+        raise SwingupError(f"--name {name} is of folders and C headers, and --to {to} has none: leave it out")
     if to in FOLDERS:
         check_new(out)
     else:
@@ -183,7 +190,7 @@ def write_export(
     to: str,
     out: str,
     name: str = NAME,
-    username: str = "swingup",
+    username: str = USERNAME,
     precision: Precision = "double",
 ) -> None:
     """Write a policy with its guard in one of the forms, and say so."""

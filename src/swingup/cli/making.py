@@ -1,13 +1,12 @@
 """The command ``make-controller``: from a pendulum's logs or its file to a controller for its computer."""
 
 import dataclasses
-import itertools
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
 from typing import Annotated, Any
 
-from tyro.conf import UseAppendAction, arg
+from tyro.conf import arg
 
 from ..benchmark.board import Result
 from ..benchmark.boards import SIM2REAL
@@ -64,7 +63,7 @@ def make_controller_command(
     to: Annotated[str, word_of("format", *ROBOT_FORMS, "c")] = "c",
     robot: RobotName | None = None,
     start: Annotated[str | None, arg(metavar="NAME|FILE")] = None,
-    set: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME=VALUE...")] = (),
+    set: Annotated[tuple[str, ...], arg(metavar="NAME=VALUE...")] = (),
     known: Annotated[tuple[str, ...], arg(metavar="NAME=VALUE...")] = (),
     columns: Names = (),
     force: bool = False,
@@ -120,7 +119,7 @@ def make_controller_command(
         refuse_ignored(for_logs, f"is for logs, and {sources[0]} is a plant")
         source = sources[0]
     else:
-        measured = named_values("--set", itertools.chain(*set), "m1=0.5")
+        measured = named_values("--set", set, "m1=0.5")
         begin = measured_plant(start, measured).plant if measured else (start or START)
         _the_robot(resolve(begin).nominal_plant, robot)  # Before the minute that a fit takes; it keeps the motors
         found = _identified(sources, begin, known, columns, force)
@@ -150,7 +149,7 @@ def make_controller_command(
     policy = best[1]
     assert policy is not None  # The trained one is there where nothing was found
     options: dict[str, Any] = {"to": to, "out": out, "robot": robot.name, "start": start}
-    options |= {"set": tuple(itertools.chain(*set)), "known": known, "columns": columns, "force": force or None}
+    options |= {"set": set, "known": known, "columns": columns, "force": force or None}
     options |= {"domain": domain, "frames": frames, "seed": seed, "seeds": seeds, "name": name}
     provenance = {"command": command_line("make-controller", *sources, **options), "version": __version__}
     if isinstance(policy, FeedbackPolicy):

@@ -49,11 +49,11 @@ def tell_table(
 
     Headings and texts may be cut where a terminal is narrow, numbers never.
     """
-    table = Table(title=title or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    table = Table(title=escape(printable(title)) or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for column, heading in enumerate(headings):
         number = column >= texts
         longest = max((len(row[column]) for row in rows), default=0) if number else None
-        table.add_column(heading, justify="right" if number else "left", no_wrap=True, min_width=longest)
+        table.add_column(escape(heading), justify="right" if number else "left", no_wrap=True, min_width=longest)
     for index, row in enumerate(rows):
         table.add_row(*(escape(printable(cell)) for cell in row), style="bold" if index in bold else "")
     console = Console()

@@ -1,13 +1,12 @@
 """The commands about pendulums and their logs: plant, excite, identify, compare and diagnose."""
 
-import itertools
 import os
 import time
 from collections.abc import Iterable, Sequence
 from shlex import quote
 from typing import Annotated, Any
 
-from tyro.conf import UseAppendAction, arg
+from tyro.conf import arg
 
 from ..benchmark.diagnosis import diagnose
 from ..benchmark.excitation_rehearsal import rehearse_identification
@@ -57,7 +56,7 @@ ROWS = {
 def plant_command(
     source: Annotated[str | None, arg(metavar="PLANT", help=f"{PLANTS}; without it the values say all.")] = None,
     /,
-    set: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME=VALUE...")] = (),
+    set: Annotated[tuple[str, ...], arg(metavar="NAME=VALUE...")] = (),
     inertia: Annotated[str | None, word_of("inertia", *READINGS)] = None,
     out: PlantOutputs = (),
     within: float | None = None,
@@ -83,7 +82,7 @@ def plant_command(
     check_outputs(PLANT_FORMATS, *out)
     if within is not None:
         positive_number("within", within, 60.0, "s")
-    found = measured_plant(source, named_values("--set", itertools.chain(*set), "m1=0.5"), inertia)
+    found = measured_plant(source, named_values("--set", set, "m1=0.5"), inertia)
     plant = found.plant
     for each in sorted(out, key=is_model_file, reverse=True):  # which may not hold every plant
         save_plant(each, plant, ["SI units, inertias about the joints.", *found.notes])

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from tyro.conf import UseAppendAction, arg
+from tyro.conf import arg
 
 from ..common.arrays import finite, write_json
 from ..common.checks import is_number, whole_number
@@ -30,7 +30,7 @@ STATE_WORDS = {"complete": "", "pruned": "pruned", "fail": "failed"}
 def sweep_command(
     robot: RobotName | None = None,
     /,
-    set: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME=VALUE,...")] = (),
+    set: Annotated[tuple[str, ...], arg(metavar="NAME=VALUE,...")] = (),
     trials: int | None = None,
     pruning: bool = True,
     seeds: int | None = None,
@@ -69,7 +69,7 @@ def sweep_command(
     task = task_name(robot, given.pop("env", None))
     base = make_run_settings(task, **given)
     name = f"{file_name(task)}-{base.preset}"
-    texts = _alternatives([word for words in set for word in words])
+    texts = _alternatives(set)
     if trials is not None:
         with Progress() as progress, executor_for(scheduler, workers) as pool:
 

@@ -24,6 +24,7 @@ from ..policy.self_test import FILE as TEST_FILE
 from ..policy.self_test import loop_test, task_test
 
 NAME = "swingup"  # Name of an export unless another one is given
+USERNAME = "swingup"  # On RealAIGym's leaderboard, unless another one is given
 
 
 ROBOT_FORMS = {
@@ -72,8 +73,7 @@ def check_new(folder: str | Path) -> Path:
         raise _unwritable(folder, error) from error
     if taken:
         raise SwingupError(f"{folder} is there already: name a folder that is new or empty")
-    if not target.exists():
-        check_writable(folder)
+    check_writable(target / NAME if target.exists() else folder)
     return target
 
 
@@ -83,7 +83,7 @@ def _unwritable(folder: str | Path, error: OSError) -> SwingupError:
 
 
 def export_folder(
-    policy: TaskPolicy | RobotPolicy, folder: str | Path, form: str, name: str = NAME, username: str = "swingup"
+    policy: TaskPolicy | RobotPolicy, folder: str | Path, form: str, name: str = NAME, username: str = USERNAME
 ) -> Path:
     """Write a folder, whole or not at all, and say which file is the entry's.
 
@@ -97,18 +97,15 @@ def export_folder(
             kind, forms = quoted(policy.task), "numpy"
         raise SwingupError(f"a folder of form {form} is not for {kind}: use {forms}")
     check_export_name(name)
-    # It goes into a string of Python, and into tables with commas.
-    if not username.isprintable() or any(sign in username for sign in '"\\,') or not 0 < len(username) <= 60:
-        raise SwingupError(
-            f"username {quoted(username)} does not fit an entry: use up to 60 letters, no quotes or commas"
-        )
+    check_username(username)
     root, shared = resources.files("swingup"), {"NAME": name, "PACKAGE": PACKAGE.format(name=name)}
     shared |= {"ORIGIN": _origin(policy), "VERSION": __version__}
     entry, readme = (path.format(name=name) for path in FORMS[form])
     try:
         target = check_new(folder)
-        # On the target's file system, where the final move is a rename: the folder appears whole or not at all.
-        with tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as temporary:
+        # On the target's file system, where a move is a rename: a new folder appears whole or not at all.
+        place = target if target.exists() else target.parent
+        with tempfile.TemporaryDirectory(dir=place, prefix=f".{target.name}.") as temporary:
             made = Path(temporary) / target.name
             package = made / PACKAGE.format(name=name)
             interface = ["export/__init__.py", f"export/{form}.py"] if pendulum else []
@@ -129,10 +126,10 @@ def export_folder(
             _write(package / TEST_FILE, test.to_json().encode())
             _write(made / entry, _filled(f"{form}.py.txt", shared | values))
             _write(made / readme, _filled(f"{form}.md", shared | values))
-            # Empty, as tested above. The move would otherwise go inside it.
-            if target.exists():
-                target.rmdir()
-            shutil.move(made, target)
+            # An empty folder stays, since a shell or a mount may use it; the entry comes last.
+            parts = sorted(made.iterdir(), key=lambda each: each.name == entry)
+            for each in [made] if place != target else parts:
+                shutil.move(each, place)
     except OSError as error:
         raise _unwritable(folder, error) from error
     return target / entry
@@ -143,6 +140,14 @@ def check_export_name(name: str) -> str:
     if not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name):
         raise SwingupError(f"name {quoted(name)}: use up to 40 small letters, digits and _, a letter first")
     return name
+
+
+def check_username(username: str) -> None:
+    """Refuse a name that does not fit a string of Python, and tables with commas."""
+    if not username.isprintable() or any(sign in username for sign in '"\\,') or not 0 < len(username) <= 60:
+        raise SwingupError(
+            f"username {quoted(username)} does not fit an entry: use up to 60 letters, no quotes or commas"
+        )
 
 
 def cloudpendulum_guard(period: float | None) -> GuardSettings:

@@ -62,8 +62,8 @@ class AREAPO:
                 environment with gymnax's methods or a pair of one and its parameters, an environment of
                 jax-envelope, or ``acrobot`` or ``pendubot``.
             preset: named settings, see :data:`swingup.learner.presets.PRESETS`. The default is ``pendulum`` for
-                the robots, ``dm-acrobot`` for dm_control's acrobot, ``continuing`` for streams and the continuing
-                tasks, and ``episodes`` for anything else; a pendulum task that is passed in needs a name.
+                the robots, ``dm-acrobot`` for the id of dm_control's acrobot, ``continuing`` for streams and the
+                continuing tasks, and ``episodes`` for anything else; a pendulum task passed in needs a name.
             seed: from which all randomness follows.
             seeds: how many seeds to train, ``seed`` and those after it; default: the preset's number. The learner
                 then acts by the seed with the best score so far.

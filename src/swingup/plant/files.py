@@ -99,9 +99,15 @@ def _model_plant(path: str | Path, name: str) -> Plant:
     return make_plant(facts, f"model file {path}", name)
 
 
+_PLAIN_NAMES = {name.lower(): name for name in NAMES}
+
+
 def _read_plant(file: str) -> Plant:
     entries = _entries(file)
     base = base_plant(entries["plant"], Path(file).parent).values() if "plant" in entries else {}
+    for entry in entries if base else ():  # a misspelt name would leave the other plant's number
+        if entry not in NAMES and (meant := _PLAIN_NAMES.get(entry.lower().replace("_", ""))):
+            raise SwingupError(f"unknown name {quoted(entry)}: write {meant}")
     for name in NAMES:
         if isinstance(entries.get(name), list):
             raise SwingupError(f"{name} = {quoted(entries[name])} {RANGE_REFUSED}")
@@ -211,6 +217,9 @@ def _write_model(path: str | Path, name: str, bodies: Mapping[str, float], plant
         raise SwingupError(
             f"cannot write {path}: no bodies move as this plant does, whose inertias are below m r²; raise I2"
         )
+    is_mjcf = Path(path).suffix.lower() != ".urdf"
+    if is_mjcf and not (plant["tl1"] or plant["tl2"]):  # a motor alone has the gear ratio there
+        raise SwingupError(f"cannot write {path}: it would lose gr of a plant without motors; use .urdf or .yml")
     # Numbers of no body would be lost in the bodies that move alike.
     kept = "" if bodies == plant else f' data="{" ".join(repr(plant[fact]) for fact in CHOSEN_NUMBERS)}"'
     with naming(f"cannot write {path}"):

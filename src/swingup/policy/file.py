@@ -56,7 +56,7 @@ def write_network(path: str | Path, network: Network, metadata: Mapping[str, Any
     layers |= {head: network.head}
     layers |= {} if network.std is None else {"std": network.std}
     for name, layer in layers.items():
-        arrays |= {f"network.{name}.weight": layer.weight, f"network.{name}.bias": layer.bias}
+        arrays |= {f"network.{name}.{key}": getattr(layer, key).astype(np.float32) for key in ("weight", "bias")}
     own = {"observation": stages, CHOICES: network.choices, ACTIVATION: network.activation, BOUNDS: network.bounds}
     written = {key: value for key, value in own.items() if value != DEFAULTS.get(key, ...)}
     # The metadata may be another file's, whose entries of its own network do not fit this one.

@@ -45,7 +45,8 @@ class Space:
         shaped = actions.reshape(*actions.shape[:-1], *self.shape)
         if self.choices:
             return (shaped + self.low).astype(self.dtype)
-        scaled = self.low + 0.5 * (shaped + 1.0) * (self.high - self.low)
+        wide = np.promote_types(self.low.dtype, np.float32)  # A difference of float16 may overflow
+        scaled = self.low + 0.5 * (shaped + 1.0) * (self.high.astype(wide) - self.low.astype(wide))
         # Rounding may carry it beyond a bound.
         return scaled.clip(self.low, self.high).astype(self.dtype)
 

@@ -208,15 +208,24 @@ def _refined_on(
         )
     if sees_plant or not all(on_one):
         around = resolve(plant, RECORDED if domain is None else domain, GUESS)
-        return around, first_plant(around, policy.robot)
+        found = first_plant(around, policy.robot)
+        if sees_plant and plant is None and domain is None:
+            _warn_of_other_plant(policy, found)
+        return around, found
     if domain is not None:
         name = domain.name if isinstance(domain, Domain) else domain
         raise SwingupError(f"the domain {name} is for a policy that sees its plant: give a plant alone")
     found = resolve(LEADERBOARD if plant is None else plant).facts
-    difference = plant_difference(policy.plant, found.driven(policy.robot), policy.robot)
-    if plant is None and difference is not None:
-        _LOGGER.warning("without a plant the policy is refined on the leaderboards': %s", difference)
+    if plant is None:
+        _warn_of_other_plant(policy, found)
     return resolve(domain=RECORDED), found
+
+
+def _warn_of_other_plant(policy: PendulumPolicy, found: Plant) -> None:
+    driven, stage = found.driven(policy.robot), policy.network.plant_stage
+    difference = plant_difference(policy.plant, driven, policy.robot, stage)
+    if difference is not None:
+        _LOGGER.warning("without a plant the policy is refined on the leaderboards': %s", difference)
 
 
 def first_plant(domain: Domain, robot: Robot) -> Plant:
@@ -235,7 +244,8 @@ def for_similar_plant(controller: PolicyController, plant: Plant) -> PolicyContr
     """A policy for another plant, in that plant's units."""
     stages = stages_for(controller.policy.stages, plant_of(controller), plant)
     policy = dataclasses.replace(controller.policy, stages=stages)
-    limit = plant.limit(controller.robot.joint)
+    joint = controller.robot.joint
+    limit = controller.torque_limit / plant_of(controller).limit(joint) * plant.limit(joint)
     return dataclasses.replace(controller, policy=policy, plant=plant, torque_limit=limit)
 
 

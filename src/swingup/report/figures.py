@@ -32,8 +32,8 @@ CURVE_KEYS = ("reward", "score")
 RESETS_KEY = "termination_rate"  # A further value, of tasks whose steps may be cut at random
 MAX_DRAWN_NUMBER = 1e15
 """Maximum count or score: matplotlib's axes cannot show numbers near the maximum of floating point."""
-MAX_RESULT_BYTES = 1_000_000
-"""Maximum size of a file with a robustness score; the command writes about a thousand bytes."""
+MAX_RESULT_BYTES = 64_000_000
+"""Maximum size of a file with a robustness score; the command writes about 100,000 bytes a seed."""
 ROBUSTNESS_REMEDY = "write it with swingup evaluate --board robustness --json"
 
 

@@ -114,7 +114,10 @@ def make_section(
     with suppress(SwingupError):  # it cannot be told every plant
         live = load_policy(DEFAULT, robot, None if found == LEADERBOARD else found)
         live = replace(live, plant=policy_plant(found, robot), **alone)
-    shows, disturbance = make_shows(shown, robot, seed, found, tell), describe_disturbance(seed, found)
+    shows, disturbance = (
+        make_shows(shown, robot, seed, found, tell),
+        describe_disturbance(seed, found.driven(robot)),
+    )
     note = None if live is None else LIVE_NOTE
     return Section(robot.name, found.driven(robot), tables, shows, disturbance, live, note)
 
@@ -152,7 +155,10 @@ def make_show(name: str, controller: Any, robot: Robot, seed: int, plant: Plant 
     """Simulate one controller without and with a disturbance; a failed run becomes a note."""
     runs: dict[str, Trajectory] = {}
     notes: dict[str, None] = {}
-    for run, disturbance in (("undisturbed", None), ("disturbed", scaled(DISTURBANCE, scales_of(plant)))):
+    for run, disturbance in (
+        ("undisturbed", None),
+        ("disturbed", scaled(DISTURBANCE, scales_of(plant.driven(robot)))),
+    ):
         try:
             found = judge(controller, robot, seed=seed, name=name, disturbance=disturbance, plant=plant).trajectory
         except SwingupError as error:

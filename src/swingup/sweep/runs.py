@@ -64,8 +64,9 @@ def plan_jobs(
     count = math.prod(map(len, grid.values())) * len(seeds)
     if count > MAX_RUNS:
         raise SwingupError(f"this sweep has {count:,} runs: choose at most {MAX_RUNS:,}")
-    check_varied(grid, base)
-    length = run_length(frames, grid.get("preset", [base.preset]))
+    presets = grid.get("preset", [base.preset])
+    check_varied(grid, presets, base)
+    length = run_length(frames, presets)
     jobs: list[Job] = []
     for values in itertools.product(*grid.values()):
         chosen = dict(zip(grid, values, strict=True))
@@ -79,19 +80,34 @@ def plan_variant(base: RunSettings, chosen: Mapping, seeds: Sequence[int], folde
     """The jobs of one choice of settings: one for each seed, in folders of their own below ``folder``."""
     changes = dict(chosen)
     preset = base.problem.choose_preset(changes.pop("preset", base.preset))
-    kept = base.changes if preset == base.preset else {}
-    config = config_for(base.problem, preset, kept | changes)
+    config = config_for(base.problem, preset, base.changes | changes)
     base = dataclasses.replace(base, preset=preset, config=config, seeds=1)
     runs = [dataclasses.replace(base, seed=seed) for seed in seeds]
     # Absolute, since workers may have another working directory.
     return [Job(describe(chosen), run, folder.absolute() / f"seed-{run.seed}", frames) for run in runs]
 
 
-def check_varied(names: Iterable[str], base: RunSettings) -> None:
-    """Refuse settings that vary without effect, unless what they need varies too."""
-    varied = set(names)
-    if "preset" not in varied:
-        check_effects([name for name in varied if NEEDED.get(name, ("",))[0] not in varied], base.config)
+def check_varied(names: Iterable[str], presets: Sequence[str], base: RunSettings) -> None:
+    """Refuse settings that vary without effect in any preset, unless what they need varies too.
+
+    Fixed hyperparameters are refused beside several presets, whose own differences from each other they would hide.
+    """
+    varied, configs = set(names), [base.config]
+    if "preset" in varied:
+        if base.changes:
+            raise SwingupError(f"{', '.join(base.changes)} cannot stay fixed where the preset varies: vary it too")
+        configs = [config_for(base.problem, base.problem.choose_preset(each), {}) for each in presets]
+    for name in varied - {"preset"}:
+        if NEEDED.get(name, ("",))[0] in varied:
+            continue
+        vain: list[SwingupError] = []
+        for config in configs:
+            try:
+                check_effects([name], config)
+            except SwingupError as error:
+                vain.append(error)
+        if len(vain) == len(configs):
+            raise vain[0]
 
 
 def run_length(frames: int | None, presets: Sequence[str]) -> int:

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..areapo.config import format_value, parse_value
+from ..areapo.config import HYPERPARAMETERS, format_value, parse_value
 from ..benchmark.values import interquartile_mean
 from ..common.arrays import write_json
-from ..common.checks import is_number, whole_number
+from ..common.checks import is_number, one_of, whole_number
 from ..common.errors import SwingupError, needing, one_line, quoted
 from ..learner.run_folder import RunFolder
-from ..learner.run_settings import RunSettings, make_run_settings
+from ..learner.run_settings import SETTINGS, RunSettings, make_run_settings
 from .runs import (
     MAX_RUNS,
     Row,
@@ -105,9 +105,14 @@ def search(
         if not isinstance(text, str):
             raise SwingupError(f"space has {name} = {quoted(text)}: write a text, such as '1e-4:1e-2:log'")
         _parse_range(name, text)
+    for name, value in settings.items():
+        if name in HYPERPARAMETERS:
+            raise SwingupError(f"{name} = {quoted(value)}: put it into the space, as a text with one alternative")
+        one_of("setting", name, SETTINGS)
     base = make_run_settings(env, **settings)
-    check_varied(space, base)
-    length = run_length(frames, space.get("preset", base.preset).split(","))
+    presets = space.get("preset", base.preset).split(",")
+    check_varied(space, presets, base)
+    length = run_length(frames, presets)
     seeds, trials = whole_number("seeds", seeds, 1, MAX_RUNS), whole_number("trials", trials, 1, MAX_RUNS)
     first = whole_number("seed", seed, 0, 2**32 - seeds)
     plan = SearchPlan(base, dict(space), Path(out).absolute(), length, range(first, first + seeds), pruning)
