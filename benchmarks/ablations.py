@@ -76,12 +76,14 @@ SMOOTHED = 9
 
 def train(name: str, seed: int, frames: int, folder: Path) -> list[tuple[int, float, float]]:
     """Train one run, or the rest of it; frames, score and seconds of its evaluations."""
-    base = dataclasses.replace(get_preset("pendulum").config, schedule="constant")
+    preset = get_preset("pendulum").config
+    base = dataclasses.replace(preset, schedule="constant")
     config, task = CHANGES[name](base, smooth_task(ROBOTS["acrobot"]))
+    changes = {name: value for name, value in vars(config).items() if value != getattr(preset, name)}
     if (folder / "config.json").exists():
         run = resume_run(folder, env=task)
     else:
-        settings = make_run_settings("acrobot", "pendulum", vars(config), seed=seed)
+        settings = make_run_settings("acrobot", "pendulum", changes, seed=seed)
         run = start_run(dataclasses.replace(settings, problem=settings.problem.on(task)), folder, frames)
     for report in run.advance():
         print(f"{name} seed {seed}: {report.frames:,} frames, best score {report.best_score:.3f}", flush=True)

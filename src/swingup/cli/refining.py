@@ -50,10 +50,10 @@ def refine_command(
     """Refine a trained policy by gradients through the simulation or by teachers, in minutes to an hour.
 
     The file is rewritten as it proceeds: an interrupted run leaves its latest policy, and Ctrl-C says how to go on.
-    adapt then goes on after its last finished stage. adapt needs no policy: where
-    the shipped one does not succeed, it trains one that recovers, computes swing-ups of plants of a domain, distils
-    them into a network that sees its plant, and where that does not succeed either, adds recoveries. The best of
-    these is judged on other draws.
+    adapt then goes on after its last finished stage. What stands around the policy, such as an estimator and a
+    guard, is made anew or left out. adapt needs no policy: where the shipped one does not succeed, it trains one
+    that recovers, computes swing-ups of plants of a domain, distils them into a network that sees its plant, and
+    where that does not succeed either, adds recoveries. The best of these is judged on other draws.
 
     Args:
         robot: acrobot or pendubot.
