@@ -2,8 +2,10 @@
 
 import importlib
 import json
+import os
 import runpy
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -212,6 +214,29 @@ def test_causes_that_change_how_the_pendulum_moves_come_first_or_second(script, 
     script("diagnosis").main()
     rows = [line.split() for line in capsys.readouterr().out.splitlines()[-7:-1]]
     assert {cause: (int(two), int(of)) for cause, _, two, of in rows} == dict.fromkeys(causes, (2, 2))
+
+
+SMALL = [
+    "ablations default discounted --frames 8192 --seeds 1 --study runs.jsonl --runs runs",
+    "continuing Swimmer --frames 2000 --seeds 1 --study runs.jsonl",
+    "guard_stops acrobot recorded --seeds 1",
+    "holdable acrobot --seeds 1",
+    "mujoco_learning Swimmer-v5 --frames 2000 --seeds 1 --learners areapo --study runs.jsonl",
+    "plants A.0 --robots acrobot --frames 2048 --seeds 1 --results runs.jsonl --runs runs",
+    "seeds_speed fast:1",
+    "training_speed acrobot 8192",
+    "untuned Pendulum-v1 --frames 2000 --file runs.csv",
+]
+"""Scripts with options that make a run short; other tests have other scripts."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words", SMALL, ids=lambda words: words.split()[0])
+def test_scripts_run(words, tmp_path):
+    name, *options = words.split()
+    path = os.pathsep.join(filter(None, [str(BENCHMARKS.parent / "src"), os.environ.get("PYTHONPATH")]))
+    env = os.environ | {"PYTHONPATH": path}
+    subprocess.run([sys.executable, BENCHMARKS / f"{name}.py", *options], cwd=tmp_path, env=env, check=True)
 
 
 def test_a_study_of_another_length_is_not_mixed_in(script, tmp_path):
