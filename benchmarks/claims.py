@@ -48,7 +48,7 @@ SHORT = {
     ],
     "continuing-claims.md": ["--env swingup.continuing:swingup/ContinuingWalker2d-v0 --seed 20 --frames 20000"],
     "continuing-stream.md": [
-        "--env swingup.continuing:swingup/ContinuingReacher-v0 --resets never --seed 2 --frames 20000"
+        "--env swingup.continuing:swingup/ContinuingSwimmer-v0 --resets never --seed 2 --frames 20000"
     ],
     "mujoco.md": ["--env Hopper-v5 --preset continuing --seed 20 --frames 20000"],
     "ppo.md": ["--env CartPole-v1 --preset ppo --num-envs 8 --num-steps 256 --frames 20480"],

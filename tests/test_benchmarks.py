@@ -220,11 +220,10 @@ SMALL = [
     "ablations default discounted --frames 8192 --seeds 1 --study runs.jsonl --runs runs",
     "continuing Swimmer --frames 2000 --seeds 1 --study runs.jsonl",
     "guard_stops acrobot recorded --seeds 1",
-    "holdable acrobot --seeds 1",
+    "holdable acrobot --controller lqr --seeds 1",
     "mujoco_learning Swimmer-v5 --frames 2000 --seeds 1 --learners areapo --study runs.jsonl",
     "plants A.0 --robots acrobot --frames 2048 --seeds 1 --results runs.jsonl --runs runs",
     "seeds_speed fast:1",
-    "training_speed acrobot 8192",
     "untuned Pendulum-v1 --frames 2000 --file runs.csv",
 ]
 """Scripts with options that make a run short; other tests have other scripts."""
@@ -267,7 +266,7 @@ def test_every_claim_has_a_page_a_command_and_code(script):
         assert claim.command.startswith("swingup ") or (BENCHMARKS.parent / claim.command.split()[1]).is_file(), (
             claim
         )
-        assert all((BENCHMARKS.parent / "src" / "swingup" / name).is_dir() for name in claim.folders), claim
+        assert all((BENCHMARKS.parent / "src" / "swingup" / name).exists() for name in claim.folders), claim
     # A claim of the first day has older code than one of a day to come.
     first, last, alike = (
         claims[0]._replace(measured=day) for day in ("2000-01-01", "2099-01-01", "2000-01-01, same bits 2099-01-01")

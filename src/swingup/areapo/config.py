@@ -171,10 +171,16 @@ NEEDED = {
 def check_effects(given: Iterable[str], config: Config) -> None:
     """Refuse hyperparameters that a user gave and that these would ignore."""
     for name in given:
-        other, words = NEEDED.get(name, ("", ()))
-        if words and (word := getattr(config, other)) not in words:
-            remedy = f"leave it out, or use {other} = {' or '.join(words)}"
-            raise SwingupError(f"{name} has no effect with {other} = {word!r}: {remedy}")
+        if (why := why_without_effect(name, config)) is not None:
+            raise SwingupError(why)
+
+
+def why_without_effect(name: str, config: Config) -> str | None:
+    """Why these would ignore a hyperparameter, and the remedy; None if they would not."""
+    other, words = NEEDED.get(name, ("", ()))
+    if not words or (word := getattr(config, other)) in words:
+        return None
+    return f"{name} has no effect with {other} = {word!r}: leave it out, or use {other} = {' or '.join(words)}"
 
 
 def config_from_dict(values: dict[str, Any], others: Iterable[str] = ()) -> Config:

@@ -92,26 +92,21 @@ def parse(words: Sequence[str]) -> Ready:
 
 def gathered(words: Sequence[str], lists: Collection[str]) -> list[str]:
     """The words with all values of a list option behind its first mention; tyro takes the last mention alone."""
-    groups: list[list[str]] = [[]]
-    into = groups[0]
-    for word in words:
+    groups: dict[str | int, list[str]] = {"": []}
+    into = groups[""]
+    for place, word in enumerate(words):
         option, equals, value = word.partition("=")
         if option in lists:
-            into = next((group for group in groups if group[:1] == [option]), [])
-            if not into:
-                groups.append(into)
-                into.append(option)
-            if equals:
-                into.append(value)
-                into = groups[0]  # what follows is not another value
+            into = groups.setdefault(option, [option])
+            into += [value] if equals else []
         elif word.startswith("--"):
-            groups.append(into := [word])
+            into = groups[place] = [word]
         else:
             into.append(word)
-    for option, *values in groups[1:]:
-        if option in lists and not values:  # from a shell's variable that is not set
+    for option in lists:
+        if groups.get(option) == [option] and "--help" not in words:  # from a shell's variable that is not set
             raise SwingupError(f"{option} has no value: give one or more, or leave the option out")
-    return [word for group in groups for word in group]
+    return [word for group in groups.values() for word in group]
 
 
 def _parse_alone(words: Sequence[str]) -> Ready:

@@ -85,9 +85,10 @@ def _unwritable(folder: str | Path, error: OSError) -> SwingupError:
 def export_folder(
     policy: TaskPolicy | RobotPolicy, folder: str | Path, form: str, name: str = NAME, username: str = USERNAME
 ) -> Path:
-    """Write a folder, whole or not at all, and say which file is the entry's.
+    """Write a folder, and say which file is the entry's.
 
-    A pendulum's guard, which need not be the file's, is written into the entry. The folder must be new or empty.
+    A new folder appears whole or not at all; an empty one gets its entry last. Others are refused. A pendulum's
+    guard, which need not be the file's, is written into the entry.
     The copied source has the entry's name as well; the username is for RealAIGym's leaderboard.
     """
     pendulum = not isinstance(policy, TaskPolicy)

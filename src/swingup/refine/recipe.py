@@ -162,8 +162,8 @@ def run_recipe(
     controller = eqx.tree_at(lambda c: c.policy.actor.std_head, controller, None, is_leaf=lambda leaf: leaf is None)
     facts = policy_plant(found, robot)
     # As it moves its own plant, in that plant's units, so it is to move this one.
-    similar = similar_plant(facts, arm_scales(facts))
-    controller = for_similar_plant(controller, similar)
+    similar, share = similar_plant(facts, arm_scales(facts)), policy.torque_limit / policy.plant.limit(robot.joint)
+    controller = for_similar_plant(controller, similar, share)
     limit = around.high.passive_limit(robot)
     random, start = np.random.default_rng([seed, finished] if finished else seed), time.perf_counter()
 
@@ -173,7 +173,7 @@ def run_recipe(
         if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(now.policy.actor)):
             raise SwingupError("refining diverged: weights are not finite; start from another policy or seed")
         # Alone, or where it sees its plant with what finds that.
-        wrapped = wrapped_policy(for_similar_plant(now, facts), limit)
+        wrapped = wrapped_policy(for_similar_plant(now, facts, share), limit)
         judged = make_controller(wrapped, estimator=now.policy.sees_plant)
         criteria = judge(judged, robot, plant=found).criteria
         seconds = time.perf_counter() - start
@@ -191,7 +191,7 @@ def run_recipe(
             training = make_training_set(controller, targets, stage.copies, partial(progress, "swing-ups"))
             after_round = partial(judge_and_report, number, stage.rounds + 1)
             controller = distil(training, stage, random, after_round, progress)
-    return wrapped_policy(for_similar_plant(controller, facts), limit)
+    return wrapped_policy(for_similar_plant(controller, facts, share), limit)
 
 
 def _refined_on(
@@ -225,7 +225,7 @@ def _warn_of_other_plant(policy: PendulumPolicy, found: Plant) -> None:
     driven, stage = found.driven(policy.robot), policy.network.plant_stage
     difference = plant_difference(policy.plant, driven, policy.robot, stage)
     if difference is not None:
-        _LOGGER.warning("without a plant the policy is refined on the leaderboards': %s", difference)
+        _LOGGER.warning("without a plant the policy is refined for the leaderboards' robot: %s", difference)
 
 
 def first_plant(domain: Domain, robot: Robot) -> Plant:
@@ -240,12 +240,11 @@ def first_plant(domain: Domain, robot: Robot) -> Plant:
     return behind_motor(plant, getattr(domain.nominal.loop, f"gain{robot.joint + 1}"))
 
 
-def for_similar_plant(controller: PolicyController, plant: Plant) -> PolicyController:
-    """A policy for another plant, in that plant's units."""
+def for_similar_plant(controller: PolicyController, plant: Plant, share: float = 1.0) -> PolicyController:
+    """A policy for another plant, in that plant's units, with a share of its motor's torque."""
     stages = stages_for(controller.policy.stages, plant_of(controller), plant)
     policy = dataclasses.replace(controller.policy, stages=stages)
-    joint = controller.robot.joint
-    limit = controller.torque_limit / plant_of(controller).limit(joint) * plant.limit(joint)
+    limit = share * plant.limit(controller.robot.joint)
     return dataclasses.replace(controller, policy=policy, plant=plant, torque_limit=limit)
 
 

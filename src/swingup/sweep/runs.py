@@ -22,7 +22,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from ..areapo.config import NEEDED, check_effects, check_hyperparameter, format_value, parse_value
+from ..areapo.config import NEEDED, check_hyperparameter, format_value, parse_value, why_without_effect
 from ..benchmark.values import interquartile_interval, interquartile_mean
 from ..common import cores
 from ..common.checks import is_number, one_of, whole_number
@@ -92,22 +92,16 @@ def check_varied(names: Iterable[str], presets: Sequence[str], base: RunSettings
 
     Fixed hyperparameters are refused beside several presets, whose own differences from each other they would hide.
     """
-    varied, configs = set(names), [base.config]
+    varied, configs = list(names), [base.config]
     if "preset" in varied:
-        if base.changes:
-            raise SwingupError(f"{', '.join(base.changes)} cannot stay fixed where the preset varies: vary it too")
+        if fixed := [name for name in base.changes if name not in varied]:
+            raise SwingupError(f"{', '.join(fixed)} cannot stay fixed where the preset varies: vary it too")
         configs = [config_for(base.problem, base.problem.choose_preset(each), {}) for each in presets]
-    for name in varied - {"preset"}:
-        if NEEDED.get(name, ("",))[0] in varied:
-            continue
-        vain: list[SwingupError] = []
-        for config in configs:
-            try:
-                check_effects([name], config)
-            except SwingupError as error:
-                vain.append(error)
-        if len(vain) == len(configs):
-            raise vain[0]
+    for name in varied:
+        if NEEDED.get(name, ("",))[0] not in varied:
+            vain = [why_without_effect(name, config) for config in configs]
+            if vain[0] is not None and all(vain):
+                raise SwingupError(vain[0])
 
 
 def run_length(frames: int | None, presets: Sequence[str]) -> int:
