@@ -198,10 +198,8 @@ def _refined_on(
     policy: PendulumPolicy, stages: Sequence[Stage], plant: PlantLike | Domain | None, domain: Domain | str | None
 ) -> tuple[Domain, Plant]:
     # The plants in their loops where the policy sees its plant, or will; and the plant that it is made for.
-    on_one, sees_plant = (
-        [isinstance(stage, GradientStage) for stage in stages],
-        policy.network.plant_stage is not None,
-    )
+    on_one = [isinstance(stage, GradientStage) for stage in stages]
+    sees_plant = policy.network.plant_stage is not None
     if sees_plant and any(on_one):
         raise SwingupError(
             "the policy sees its plant, and gradient steps on a single one would blind it: take the recipe recover"

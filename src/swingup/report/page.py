@@ -114,12 +114,9 @@ def make_section(
     with suppress(SwingupError):  # it cannot be told every plant
         live = load_policy(DEFAULT, robot, None if found == LEADERBOARD else found)
         live = replace(live, plant=policy_plant(found, robot), **alone)
-    shows, disturbance = (
-        make_shows(shown, robot, seed, found, tell),
-        describe_disturbance(seed, found.driven(robot)),
-    )
+    shows, driven = make_shows(shown, robot, seed, found, tell), found.driven(robot)
     note = None if live is None else LIVE_NOTE
-    return Section(robot.name, found.driven(robot), tables, shows, disturbance, live, note)
+    return Section(robot.name, driven, tables, shows, describe_disturbance(seed, driven), live, note)
 
 
 def trained_section(
