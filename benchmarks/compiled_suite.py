@@ -37,7 +37,7 @@ class Ours:
         self.model = AREAPO(
             gymnax.make(task), preset, seed, num_envs=ENVS, num_steps=STEPS, num_epochs=EPOCHS,
             batch_size=ROLLOUT // MINIBATCHES, policy_layers=LAYERS, value_layers=LAYERS,
-            learning_rate=LEARNING_RATE, clip_range=CLIP_RANGE, gae_lambda=GAE_LAMBDA, evaluation_episodes=1,
+            learning_rate=LEARNING_RATE, clip_range=CLIP_RANGE, gae_lambda=(GAE_LAMBDA,) * 2, evaluation_episodes=1,
             evaluate_every=NEVER, checkpoint_every=NEVER,
         )  # fmt: skip
         # The first rollout, which compiles; both learners begin with it.
