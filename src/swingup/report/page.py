@@ -152,10 +152,8 @@ def make_show(name: str, controller: Any, robot: Robot, seed: int, plant: Plant 
     """Simulate one controller without and with a disturbance; a failed run becomes a note."""
     runs: dict[str, Trajectory] = {}
     notes: dict[str, None] = {}
-    for run, disturbance in (
-        ("undisturbed", None),
-        ("disturbed", scaled(DISTURBANCE, scales_of(plant.driven(robot)))),
-    ):
+    disturbed = scaled(DISTURBANCE, scales_of(plant.driven(robot)))
+    for run, disturbance in {"undisturbed": None, "disturbed": disturbed}.items():
         try:
             found = judge(controller, robot, seed=seed, name=name, disturbance=disturbance, plant=plant).trajectory
         except SwingupError as error:
