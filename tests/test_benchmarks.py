@@ -220,7 +220,7 @@ SMALL = [
     "ablations default discounted --frames 8192 --seeds 1 --study runs.jsonl --runs runs",
     "continuing Swimmer --frames 2000 --seeds 1 --study runs.jsonl",
     "guard_stops acrobot recorded --seeds 1",
-    "holdable acrobot --controller lqr --seeds 1",
+    "holdable acrobot --seeds 1",
     "mujoco_learning Swimmer-v5 --frames 2000 --seeds 1 --learners areapo --study runs.jsonl",
     "plants A.0 --robots acrobot --frames 2048 --seeds 1 --results runs.jsonl --runs runs",
     "seeds_speed fast:1",
