@@ -201,4 +201,4 @@ def test_values_of_an_option_that_is_given_twice_count_together():
     words = shlex.split("log.csv --known a=1 b=2 --seed 3 --known=c=4 e=6 --test x --known d=5")
     expected = "log.csv --known a=1 b=2 c=4 e=6 d=5 --seed 3 --test x"
     assert shlex.join(gathered(words, {"--known", "--test"})) == expected
-    assert gathered(words, ()) == words
+    assert gathered(words, set()) == words

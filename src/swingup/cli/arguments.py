@@ -43,10 +43,7 @@ def word_of(kind: str, *words: str) -> Any:
 
 def split_commas(*values: str) -> tuple[str, ...]:
     """Values of one option, which spaces or commas may separate, but not those in parentheses or a file's name."""
-    parts = [part for value in values for part in ([value] if os.path.isfile(value) else _split(value)) if part]
-    if not "".join(parts).strip():  # from a shell's variable that is not set
-        raise SwingupError("an option that takes one value or more has none: give a value, or leave the option out")
-    return tuple(parts)
+    return tuple(part for value in values for part in ([value] if os.path.isfile(value) else _split(value)) if part)
 
 
 def _split(text: str) -> list[str]:

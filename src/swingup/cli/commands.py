@@ -6,7 +6,7 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence, Set
 from typing import Annotated, get_type_hints
 
 import tyro
@@ -90,7 +90,7 @@ def parse(words: Sequence[str]) -> Ready:
         raise
 
 
-def gathered(words: Sequence[str], lists: Collection[str]) -> list[str]:
+def gathered(words: Sequence[str], lists: Set[str]) -> list[str]:
     """The words with all values of a list option behind its first mention; tyro takes the last mention alone."""
     groups: dict[str | int, list[str]] = {"": []}
     into = groups[""]
@@ -103,9 +103,9 @@ def gathered(words: Sequence[str], lists: Collection[str]) -> list[str]:
             into = groups[place] = [word]
         else:
             into.append(word)
-    for option in lists:
-        if groups.get(option) == [option] and "--help" not in words:  # from a shell's variable that is not set
-            raise SwingupError(f"{option} has no value: give one or more, or leave the option out")
+    for option in lists & groups.keys() if "--help" not in words else ():
+        if not "".join(groups[option][1:]).strip(" ,"):  # from a shell's variable that is not set
+            raise SwingupError(f"{option} has no value: give a value, or leave the option out")
     return [word for group in groups.values() for word in group]
 
 
