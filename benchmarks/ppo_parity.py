@@ -1,26 +1,41 @@
 """Our preset ppo beside Stable-Baselines3's PPO with the same hyperparameters, on two cheap tasks.
 
-Usage: python benchmarks/ppo_parity.py [--frames 122880] [--seeds 10] [--study FILE]
+Usage: python benchmarks/ppo_parity.py [ID ...] [--frames 122880] [--seeds 10] [--first-seed 0]
+[--learners swingup-ppo sb3-ppo] [--study FILE] [--updates N]
 
 Needs swingup[mujoco] and stable-baselines3. Both have the peer's defaults with 8 environments of 256 steps,
 normalised observations and plain rewards. Finished runs are lines of the study's file and are not repeated.
 
 Prints, for each task, the mean returns of the last of 20 evaluations and of all of them: the interquartile means
 over the seeds, and the ratio of ours to the peer's, with a 95 % bootstrap interval.
+
+`--updates N` trains nothing: in each of N updates both learners begin with the peer's weights and learn from the
+peer's rollout in the same minibatches. Prints by how much their weights then differ.
 """
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from statistics import fmean
 from typing import Any
 
+import jax
+import jax.numpy as jnp
+import numpy as np
 from mujoco_learning import ENVS, STEPS, Point, trained_areapo, trained_sb3
 from numpy.typing import ArrayLike
 from scipy.stats import bootstrap
 from study import Study, cell
 
+from swingup.areapo import algorithm
+from swingup.areapo.initial import init_learner
+from swingup.areapo.networks import Linear
+from swingup.areapo.optimisation import shuffled
+from swingup.areapo.state import IMPROVE, LearnerState, Rollout
 from swingup.benchmark.values import interquartile_mean
+from swingup.learner.presets import get_preset
+from swingup.tasks.task import Spaces
 
 
 def ours(task: str, seed: int, frames: int) -> Iterator[Point]:
@@ -39,6 +54,55 @@ RETURNS = {"last evaluation": lambda scores: scores[-1], "all evaluations": fmea
 """What stands for a run, of the returns of its evaluations."""
 
 
+def compare_updates(task: str, updates: int) -> None:
+    """Print the largest differences of the weights after each update of the same rollout."""
+    import torch
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.env_util import make_vec_env
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    env = VecNormalize(make_vec_env(task, ENVS, seed=0), norm_reward=False)
+    peer = PPO("MlpPolicy", env, n_steps=STEPS, seed=0, device="cpu")
+    _, callback = peer._setup_learn(total_timesteps=updates * ENVS * STEPS)
+    config = replace(get_preset("ppo").config, num_envs=ENVS, num_steps=STEPS, normalise_rewards=False)
+    state = init_learner(jax.random.key(0), Spaces(*env.observation_space.shape, *env.action_space.shape), config)
+
+    def with_weights(state: LearnerState) -> LearnerState:
+        """Our learner with the peer's weights."""
+
+        def linear(layer: torch.nn.Linear) -> Linear:
+            return Linear(*(jnp.array(each.detach().numpy()) for each in (layer.weight, layer.bias)))
+
+        policy, layers = peer.policy, peer.policy.mlp_extractor
+        trunks = [tuple(linear(net[i]) for i in (0, 2)) for net in (layers.policy_net, layers.value_net)]
+        std = replace(state.actor.std_head, bias=jnp.array(policy.log_std.detach().numpy()))
+        actor = replace(state.actor, trunk=trunks[0], mean_head=linear(policy.action_net), std_head=std)
+        values = linear(policy.value_net)  # the entropy's values, a second head, are not used
+        heads = Linear(*(jnp.stack([each[0], jnp.zeros_like(each[0])]) for each in (values.weight, values.bias)))
+        return replace(state, actor=actor, critic=replace(state.critic, trunk=trunks[1], heads=heads))
+
+    draw = np.random.permutation
+    for update in range(1, updates + 1):
+        buffer = peer.rollout_buffer
+        peer.collect_rollouts(env, callback, buffer, STEPS)
+        ended = np.concatenate([buffer.episode_starts[1:], peer._last_episode_starts[None]]) > 0
+        rows = buffer.observations, buffer.actions, buffer.log_probs, buffer.rewards, buffer.observations
+        before = replace(with_weights(state), observations=jnp.array(peer._last_obs))
+        state, _ = algorithm.update(before, Rollout(*map(jnp.array, (*rows, ended, ended & False))), config)
+        orders = shuffled(jax.random.fold_in(before.key, IMPROVE), config.num_epochs, config.rollout_size)
+        # The peer numbers frames by environment, ours by step.
+        ours = iter(np.asarray(orders) % ENVS * STEPS + np.asarray(orders) // ENVS)
+        np.random.permutation = lambda size, ours=ours: next(ours)
+        peer.train()
+        np.random.permutation = draw
+        theirs = with_weights(state)
+        actor, critic = (
+            max(float(jnp.max(jnp.abs(a - b))) for a, b in zip(*map(jax.tree.leaves, pair), strict=True))
+            for pair in ((state.actor, theirs.actor), (state.critic, theirs.critic))
+        )
+        print(f"update {update}: weights of the actor differ by {actor:.1e}, of the critic by {critic:.1e}")
+
+
 def ratio(mine: Sequence[float], theirs: Sequence[float]) -> str:
     """The ratio of the interquartile means and its interval."""
 
@@ -52,13 +116,20 @@ def ratio(mine: Sequence[float], theirs: Sequence[float]) -> str:
 def main() -> None:
     """Train the missing runs and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("tasks", nargs="*", default=TASKS, metavar="ID")
     parser.add_argument("--frames", type=int, default=122_880)
     parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--first-seed", type=int, default=0, help="seeds are this one and those that follow")
+    parser.add_argument("--learners", nargs="+", choices=list(LEARNERS), default=list(LEARNERS))
     parser.add_argument("--study", type=Path, default=Path("benchmarks/runs/ppo-parity.jsonl"))
+    parser.add_argument("--updates", type=int, default=0, help="compare updates instead")
     options = parser.parse_args()
-    for seed in range(options.seeds):
-        for task in TASKS:
-            for name in LEARNERS:
+    if options.updates:
+        compare_updates(options.tasks[-1], options.updates)
+        return
+    for seed in range(options.first_seed, options.first_seed + options.seeds):
+        for task in options.tasks:
+            for name in options.learners:
                 if not Study(options.study).has([task, name], seed, options.frames):
                     points = list(LEARNERS[name](task, seed, options.frames))
                     Study(options.study).add([task, name], seed, points)
@@ -67,7 +138,7 @@ def main() -> None:
                     )
     study = Study(options.study)
     print(f"\n| {options.frames:,} frames, {options.seeds} seeds | swingup-ppo | peer | ratio |\n|---|---|---|---|")
-    for task in TASKS:
+    for task in options.tasks:
         for what, summary in RETURNS.items():
             mine, theirs = ([summary(curve["scores"]) for curve in study.of(task, name)] for name in LEARNERS)
             print(f"| {task}, {what} | {cell(mine, 0)} | {cell(theirs, 0)} | {ratio(mine, theirs)} |")
