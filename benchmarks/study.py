@@ -2,6 +2,7 @@
 
 import io
 import json
+import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any, NotRequired, TypedDict
 import numpy as np
 from scipy.stats import bootstrap, ttest_ind
 
+import swingup
 from swingup.benchmark.values import interquartile_interval, interquartile_mean
 from swingup.common.files import write_atomically
 
@@ -38,6 +40,8 @@ class Curve(TypedDict):
     """Terminations per 1,000 steps in each evaluation; runs of older versions lack it."""
     deterministic: NotRequired[float]
     """Reward rate of the last policy without noise, of a continuing task."""
+    code: NotRequired[str]
+    """The package's commit; runs before 2026-12 lack it."""
 
 
 COLUMNS = ("frames", "scores", "seconds", "reward_rates", "resets")
@@ -45,6 +49,16 @@ COLUMNS = ("frames", "scores", "seconds", "reward_rates", "resets")
 
 MISSING = "–"
 """In a table, for what was not recorded."""
+
+
+def code_version() -> str:
+    """The commit of the package that runs, with a + if its files differ from it; or its version outside of git."""
+    git = ["git", "-C", str(Path(swingup.__file__).parent)]
+    commit = subprocess.run([*git, "rev-parse", "--short=8", "HEAD"], check=False, capture_output=True, text=True)
+    if commit.returncode:
+        return swingup.__version__
+    changed = subprocess.run([*git, "diff", "--quiet", "HEAD", "--", "."], check=False).returncode
+    return commit.stdout.strip() + "+" * bool(changed)
 
 
 class Study:
@@ -88,7 +102,7 @@ class Study:
             figures: numbers of the whole run.
         """
         columns = dict(zip(names, map(list, zip(*points, strict=True)), strict=False))
-        curve = {"run": list(run), "seed": seed, **columns, **figures}
+        curve = {"run": list(run), "seed": seed, **columns, **figures, "code": code_version()}
         self.curves.append(Curve(**curve))  # type: ignore[typeddict-item]
         self._path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(self._path, "".join(json.dumps(each) + "\n" for each in self.curves).encode())

@@ -11,8 +11,9 @@ gymnax/ are gymnax's, which ours trains on as they are and the peer through gymn
 Needs swingup[mujoco], for its tasks gymnasium[box2d] or swingup[gymnax], and stable-baselines3 for the peer.
 
 Finished runs are rows of the file and are not repeated: the mean return of the last policy in 20 deterministic
-episodes, in the task's own rewards, and seconds of the processor, with compilation and judgement. `--seeds 0`
-trains nothing and shows what is finished, with how many seeds learned where the task has a threshold.
+episodes, in the task's own rewards, seconds of the processor, with compilation and judgement, and the package's
+commit, which rows before 2026-12 lack. `--seeds 0` trains nothing and shows what is finished, with how many seeds
+learned where the task has a threshold.
 """
 
 import argparse
@@ -26,6 +27,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.wrappers import TimeLimit, TransformObservation, TransformReward
+from study import code_version
 
 from swingup import AREAPO
 
@@ -33,7 +35,7 @@ EPISODES = 20
 GYMNAX = "gymnax/"
 LEARNED = {"MountainCarContinuous-v0": 90.0, "Acrobot-v1": -110.0, "Pendulum-v1": -200.0}
 """Mean returns from which a seed counts as learned."""
-COLUMNS = ("task", "change", "learner", "seed", "frames", "score", "cpu_seconds")
+COLUMNS = ("task", "change", "learner", "seed", "frames", "score", "cpu_seconds", "code")
 
 CART = """<mujoco><option timestep="0.01" integrator="RK4"><flag contact="disable" energy="enable"/></option>
 <worldbody><body name="cart" pos="0 0 1"><joint name="slider" type="slide" axis="1 0 0" limited="true"
@@ -185,7 +187,7 @@ def main() -> None:
             continue
         start = time.process_time()
         score = train(task, change, learner, seed, options.frames)
-        row = (*key, f"{score:.2f}", f"{time.process_time() - start:.1f}")
+        row = (*key, f"{score:.2f}", f"{time.process_time() - start:.1f}", code_version())
         with options.file.open("a") as file:
             file.write(",".join(row) + "\n")
         print(*row, flush=True)

@@ -3,6 +3,7 @@
 import importlib
 import json
 import os
+import re
 import runpy
 import shutil
 import subprocess
@@ -241,6 +242,7 @@ def test_scripts_run(words, tmp_path):
 def test_a_study_of_another_length_is_not_mixed_in(script, tmp_path):
     study = script("study").Study(tmp_path / "runs.jsonl")
     study.add(["Hopper"], 3, [(100_096, 1.0, 2.0)])
+    assert re.fullmatch(r"[0-9a-f]{8,}\+?|\d+\.\d+\.\d+", study.of("Hopper")[0]["code"])
     assert study.has(["Hopper"], 3, 100_000)
     assert not study.has(["Hopper"], 4, 50_000)
     with pytest.raises(SystemExit, match="Hopper seed 3 of 100,096 frames, not 50,000: name another --study"):
