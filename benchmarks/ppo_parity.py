@@ -9,8 +9,9 @@ normalised observations and plain rewards. Finished runs are lines of the study'
 Prints, for each task, the mean returns of the last of 20 evaluations and of all of them: the interquartile means
 over the seeds, and the ratio of ours to the peer's, with a 95 % bootstrap interval.
 
-`--updates N` trains nothing: in each of N updates both learners begin with the peer's weights and learn from the
-peer's rollout in the same minibatches. Prints by how much their weights then differ.
+`--updates N` trains nothing: in each of N updates on the last task, whose actions must be continuous, both learners
+begin with the peer's weights and learn from the peer's rollout in the same minibatches. Prints by how much their
+weights then differ.
 """
 
 import argparse
@@ -30,7 +31,7 @@ from study import Study, cell
 
 from swingup.areapo import algorithm
 from swingup.areapo.initial import init_learner
-from swingup.areapo.networks import Linear
+from swingup.areapo.networks import Actor, Linear
 from swingup.areapo.optimisation import shuffled
 from swingup.areapo.state import IMPROVE, LearnerState, Rollout
 from swingup.benchmark.values import interquartile_mean
@@ -75,8 +76,9 @@ def compare_updates(task: str, updates: int) -> None:
 
         policy, layers = peer.policy, peer.policy.mlp_extractor
         trunks = [tuple(linear(net[i]) for i in (0, 2)) for net in (layers.policy_net, layers.value_net)]
-        std = replace(state.actor.std_head, bias=jnp.array(policy.log_std.detach().numpy()))
-        actor = replace(state.actor, trunk=trunks[0], mean_head=linear(policy.action_net), std_head=std)
+        mean = linear(policy.action_net)
+        std = Linear(jnp.zeros_like(mean.weight), jnp.array(policy.log_std.detach().numpy()))
+        actor = Actor(trunks[0], "tanh", mean, std, "clip")
         values = linear(policy.value_net)  # the entropy's values, a second head, are not used
         heads = Linear(*(jnp.stack([each[0], jnp.zeros_like(each[0])]) for each in (values.weight, values.bias)))
         return replace(state, actor=actor, critic=replace(state.critic, trunk=trunks[1], heads=heads))
