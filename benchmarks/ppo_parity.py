@@ -15,6 +15,7 @@ weights then differ.
 """
 
 import argparse
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -63,6 +64,8 @@ def compare_updates(task: str, updates: int) -> None:
     from stable_baselines3.common.vec_env import VecNormalize
 
     env = VecNormalize(make_vec_env(task, ENVS, seed=0), norm_reward=False)
+    if not env.action_space.shape:
+        sys.exit(f"--updates: the actions of {task} are not continuous, name another task")
     peer = PPO("MlpPolicy", env, n_steps=STEPS, seed=0, device="cpu")
     _, callback = peer._setup_learn(total_timesteps=updates * ENVS * STEPS)
     config = replace(get_preset("ppo").config, num_envs=ENVS, num_steps=STEPS, normalise_rewards=False)
@@ -138,12 +141,13 @@ def main() -> None:
                     print(
                         f"{name} {task} seed {seed}: return {points[-1][1]:.1f}, {points[-1][2]:.0f} s", flush=True
                     )
-    study = Study(options.study)
-    print(f"\n| {options.frames:,} frames, {options.seeds} seeds | swingup-ppo | peer | ratio |\n|---|---|---|---|")
+    study = Study(options.study)  # the table has all finished runs
+    print(f"\n| {options.frames:,} frames | swingup-ppo | peer | ratio |\n|---|---|---|---|")
     for task in options.tasks:
         for what, summary in RETURNS.items():
             mine, theirs = ([summary(curve["scores"]) for curve in study.of(task, name)] for name in LEARNERS)
-            print(f"| {task}, {what} | {cell(mine, 0)} | {cell(theirs, 0)} | {ratio(mine, theirs)} |")
+            row = f"{task}, {what}, {len(mine)} seeds", cell(mine, 0), cell(theirs, 0), ratio(mine, theirs)
+            print(f"| {' | '.join(row)} |")
 
 
 if __name__ == "__main__":
