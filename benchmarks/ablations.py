@@ -5,8 +5,9 @@ Usage: python benchmarks/ablations.py [NAME ...] [--frames 8000000] [--seeds 3] 
 
 Finished runs are lines of the study's file and are not repeated. Each run has a folder as `swingup train` writes
 it, from which an interrupted run resumes. Prints a table in Markdown: the interquartile mean over the seeds of
-the last tenth's median score and of the best score, with 95 % bootstrap intervals. Then a verdict on each claim of
-the paper: how much a run loses without the ingredient, in the median of its last tenth, and what that says.
+the last tenth's median score and of the best score, with 95 % bootstrap intervals, and the smallest and largest
+share of scores of 0 in the second half of a run. Then a verdict on each claim of the paper: how much a run loses
+without the ingredient, in the median of its last tenth, and what that says.
 """
 
 import argparse
@@ -14,7 +15,7 @@ import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
-from study import Study, cell, draw, ends, smooth, verdict
+from study import Curve, Study, cell, draw, ends, smooth, verdict
 
 from swingup.areapo.config import Config
 from swingup.learner.metrics import read_metrics
@@ -92,6 +93,12 @@ def train(name: str, seed: int, frames: int, folder: Path) -> list[tuple[int, fl
     ]
 
 
+def failed_share(curve: Curve) -> float:
+    """Share of the evaluations in the second half of a run whose policy does not swing up and stay."""
+    scores = curve["scores"]
+    return sum(score == 0.0 for score in scores[len(scores) // 2 :]) / len(scores[len(scores) // 2 :])
+
+
 def main() -> None:
     """Train the missing runs and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -108,17 +115,21 @@ def main() -> None:
                 points = train(name, seed, options.frames, options.runs / name / f"seed-{seed}")
                 Study(options.study).add([name], seed, points)  # read again: another process may have added rows
     study = Study(options.study)
-    print(f"\n| change ({options.seeds} seeds, {options.frames:,} frames) | last tenth | best |\n|---|---|---|")
-    for name in options.names:
-        print(f"| {name} | {cell(ends(study.of(name)))} | {cell([max(c['scores']) for c in study.of(name)])} |")
+    print(f"\n| change ({options.seeds} seeds, {options.frames:,} frames) | last tenth | best | failures |")
+    print("|---|---|---|---|")
+    for name in filter(study.of, options.names):
+        curves = study.of(name)
+        best, failures = [max(curve["scores"]) for curve in curves], sorted(map(failed_share, curves))
+        print(f"| {name} | {cell(ends(curves))} | {cell(best)} | {failures[0]:.0%} to {failures[-1]:.0%} |")
     print("\n| claim | difference (95 %) | verdict |\n|---|---|---|")
     for claim, change in CLAIMS.items():
         print(f"| {claim} | {verdict(ends(study.of('default')), ends(study.of(change)), RELEVANT)} |")
     if options.plot:
-        curves = {name: smooth(study.of(name), SMOOTHED) for name in CHANGES}
-        changes = [name for name in options.names if name != "default" and curves[name]]
+        smoothed = {name: smooth(study.of(name), SMOOTHED) for name in CHANGES}
+        changes = [name for name in options.names if name != "default" and smoothed[name]]
         panels = {
-            TITLES[name]: {"default preset": curves["default"], "with the change": curves[name]} for name in changes
+            TITLES[name]: {"default preset": smoothed["default"], "with the change": smoothed[name]}
+            for name in changes
         }
         draw(options.plot, panels, "RealAI score (0 to 1)", sharey=True)
 

@@ -5,13 +5,13 @@ Gymnasium's Pendulum-v1 as a task in JAX. Prints the return of the task itself, 
 deterministic policy, for each change and seed.
 """
 
-import sys
 from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import tyro
 from jaxtyping import Array, Float
 
 from swingup.areapo import algorithm
@@ -86,7 +86,7 @@ def learner(preset: str, seeds: int, frames: int) -> Callable[[Pendulum], Float[
     return lambda task: learn(keys, jax.tree.map(jnp.asarray, task))
 
 
-def main(preset: str, seeds: int = 5, frames: int = 300_000) -> None:
+def main(preset: str, seeds: int = 5, frames: int = 300_000, /) -> None:
     """Print the returns of each change."""
     learn = learner(preset, seeds, frames)
     for change in CHANGES:
@@ -95,4 +95,4 @@ def main(preset: str, seeds: int = 5, frames: int = 300_000) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], *map(int, sys.argv[2:]))
+    tyro.cli(main, description=__doc__)

@@ -12,7 +12,8 @@ the deterministic rate over 10,000 steps. `--seeds 0` trains nothing and shows w
 Prints a table in Markdown. "Ours" is the mean rate over all steps, as in the table of reward centring in arXiv
 2501.06937, which has the figures of PPO; the share of the way has Student's 95 % interval over the seeds.
 
-`--stream` trains on one environment that is never reset (`AREAPO(..., resets="never")`) instead of on eight.
+`--stream` trains on one environment that is never reset (`AREAPO(..., resets="never")`) instead of on eight, and
+also prints each run's share of the way, and the mean share of the runs with eight streams.
 
 With another cost of a reset the published figures do not compare. `--claims` also trains every change of `CHANGES`
 with the same seeds, and prints a verdict on each claim: how much of the way from random actions to centred PPO a
@@ -180,6 +181,12 @@ def main() -> None:
     print("|---" + "|---:" * (len(heads) + 1) + "|")
     for task in options.tasks:
         print(row_of(task, study.of(task, *base)))
+    if options.stream:
+        print("\n| task, % of the way from random | each stream | eight streams, mean |\n|---|---:|---:|")
+        for task in options.tasks:
+            streams, eight = (shares(task, study.of(task, *kind)) for kind in (base, base[:-1]))
+            each = ", ".join(f"{100 * share:.0f}" for share in streams)
+            print(f"| {task} | {each} | {100 * np.mean(eight) if eight else np.nan:.0f} |")
     for name, change in changes.items():
         print(f"\n| {change.claim} (less `{name}`) | difference (95 %) | verdict |\n|---|---|---|")
         for task in options.tasks:

@@ -6,9 +6,10 @@ epochs in minibatches of 64, networks of 64-64, no evaluation. Compilation and t
 episodes of 1,000 steps end once, are not timed.
 """
 
-import sys
 import time
 from statistics import median
+
+import tyro
 
 from swingup import AREAPO
 
@@ -50,7 +51,7 @@ class Peer:
         self.model.learn(frames, reset_num_timesteps=False)
 
 
-def main(task: str, frames: int, rounds: int) -> None:
+def main(task: str = "HalfCheetah-v5", frames: int = 20 * ROLLOUT, rounds: int = 3, /) -> None:
     """Time both in turns and print the medians and their ratio."""
     learners: dict[str, Ours | Peer] = {"swingup AREAPO": Ours(task), "Stable-Baselines3 PPO": Peer(task)}
     rates: dict[str, list[float]] = {name: [] for name in learners}
@@ -68,8 +69,4 @@ def main(task: str, frames: int, rounds: int) -> None:
 
 
 if __name__ == "__main__":
-    main(
-        sys.argv[1] if len(sys.argv) > 1 else "HalfCheetah-v5",
-        int(sys.argv[2]) if len(sys.argv) > 2 else 20 * ROLLOUT,
-        int(sys.argv[3]) if len(sys.argv) > 3 else 3,
-    )
+    tyro.cli(main, description=__doc__)

@@ -17,6 +17,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from study import code_version
 
 from swingup.benchmark.judge import judge
 from swingup.common.files import write_atomically
@@ -55,6 +56,7 @@ def train(preset: str, plant: str, robot: str, seed: int, frames: int, folder: P
         "seconds": rows[-1]["seconds"], "score": found.score, "swingup_time": found.swingup_time,
         "first_hold": next((row["frames"] for row in rows if holds(row["swingup_time"])), None),
         "evaluations": [[row["frames"], round(row["score"], 3), row["swingup_time"]] for row in rows],
+        "code": code_version(),
     }  # fmt: skip
 
 

@@ -7,11 +7,11 @@ in NumPy. It is timed on a few seconds of simulation in the same process and sca
 """
 
 import dataclasses
-import sys
 import time
 from collections.abc import Callable
 
 import numpy as np
+import tyro
 
 from swingup.benchmark.boards import ROBUSTNESS
 from swingup.benchmark.judge import judge
@@ -20,6 +20,7 @@ from swingup.controllers.registry import get_controller
 from swingup.controllers.stack.policy import PolicyController
 from swingup.plant.plant import LEADERBOARD, Plant, get_robot
 
+CONTROLLERS = "ar-eapo", "adaptive", "tvlqr", "ilqr-riccati"
 SAMPLE = 2000
 """Steps that the peer is timed on."""
 
@@ -69,7 +70,7 @@ def one_by_one(controller: PolicyController, steps: int) -> None:
         x = rk4(p, x, np.clip(u, -6.0, 6.0), 0.002)
 
 
-def main(robot_name: str = "acrobot", *controllers: str) -> None:
+def main(robot_name: str = "acrobot", controllers: tuple[str, ...] = CONTROLLERS, /) -> None:
     """Print one line for each controller."""
     robot, rules = get_robot(robot_name), ROBUSTNESS
     simulations = sum(len(make_cases(robot, rules, criterion, 0)) for criterion in CRITERIA)
@@ -78,7 +79,7 @@ def main(robot_name: str = "acrobot", *controllers: str) -> None:
     peer = best_of(3, lambda: one_by_one(policy, SAMPLE)) / SAMPLE * rules.steps * simulations
     print(f"{robot.name}: {simulations} simulations of {rules.steps} steps")
     print(f"one by one in NumPy (a 256-256 policy): {peer:.0f} s, scaled from {SAMPLE} steps")
-    for name in controllers or ("ar-eapo", "adaptive", "tvlqr", "ilqr-riccati"):
+    for name in controllers:
         controller = get_controller(name, robot)
         start = time.perf_counter()
         judge(controller, robot, dataclasses.replace(rules), name=name)
@@ -90,4 +91,4 @@ def main(robot_name: str = "acrobot", *controllers: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    tyro.cli(main, description=__doc__)

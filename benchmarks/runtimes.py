@@ -9,7 +9,6 @@ import ctypes
 import dataclasses
 import os
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -20,6 +19,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported
 import jax
 import numpy as np
 import onnxruntime
+import tyro
 
 from swingup.benchmark.judge import judge
 from swingup.controllers.registry import get_controller
@@ -107,7 +107,7 @@ def measure_c(text: str, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return policy / 1e3, controller / 1e3
 
 
-def main(robot: str) -> None:
+def main(robot: str = "acrobot", /) -> None:
     """Measure and print."""
     policy = dataclasses.replace(load_policy(AR_EAPO, robot), estimator=EstimatorSettings())
     # A slow drift: at every jump the estimator would reset, and have less to do.
@@ -151,4 +151,4 @@ def main(robot: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*(sys.argv[1:] or ["acrobot"]))
+    tyro.cli(main, description=__doc__)

@@ -4,10 +4,10 @@ Usage: python benchmarks/seeds_speed.py [PRESET:SEEDS ...]; default: fast with 1
 dm-acrobot with 10, and paper with 1 and 2. A frame is an action. Neither compilation nor evaluations count.
 """
 
-import sys
 import time
 
 import jax
+import tyro
 
 from swingup.areapo import algorithm
 from swingup.learner.presets import ACROBOT_PRESET, get_preset
@@ -38,15 +38,15 @@ def measure(name: str, seeds: int) -> float:
     return seeds * iterations * preset.config.rollout_size / seconds(iterations)
 
 
-def main(words: list[str]) -> None:
+def main(words: tuple[str, ...] = DEFAULT, /) -> None:
     """Measure and print the table."""
     print(f"{jax.devices()[0].device_kind}, JAX {jax.__version__}\n")
     print("| preset | seeds | frames/s | of one seed |\n|---|---:|---:|---:|")
-    for word in words or DEFAULT:
+    for word in words:
         name, seeds = word.split(":")
         speed = measure(name, int(seeds))
         print(f"| {name} | {seeds} | {speed:,.0f} | {speed / int(seeds):,.0f} |", flush=True)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    tyro.cli(main, description=__doc__)

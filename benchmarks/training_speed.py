@@ -8,13 +8,13 @@ products alone would take at the speed measured in the same process, before and 
 
 import itertools
 import resource
-import sys
 import tempfile
 import time
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
+import tyro
 
 from swingup.areapo.config import Config
 from swingup.learner.presets import get_preset
@@ -57,7 +57,7 @@ def matmul_speed(config: Config) -> float:
     return best
 
 
-def main(robot: str, frames: int) -> None:
+def main(robot: str = "acrobot", frames: int = 1_500_000, /) -> None:
     """Time one run and print frames/s, the floor, their ratio, and the peak memory."""
     preset = get_preset("paper")
     config = preset.config
@@ -81,4 +81,4 @@ def main(robot: str, frames: int) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1] if len(sys.argv) > 1 else "acrobot", int(sys.argv[2]) if len(sys.argv) > 2 else 1_500_000)
+    tyro.cli(main, description=__doc__)

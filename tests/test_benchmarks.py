@@ -220,11 +220,14 @@ def test_causes_that_change_how_the_pendulum_moves_come_first_or_second(script, 
 SMALL = [
     "ablations default discounted --frames 8192 --seeds 1 --study runs.jsonl --runs runs",
     "continuing Swimmer --frames 2000 --seeds 1 --study runs.jsonl",
+    "continuing Swimmer --stream --frames 2000 --seeds 1 --study runs.jsonl",
+    "fast acrobot runs 1 8192",
     "guard_stops acrobot recorded --seeds 1",
     "holdable acrobot --seeds 1",
     "mujoco_learning Swimmer-v5 --frames 2000 --seeds 1 --learners areapo --study runs.jsonl",
     "plants A.0 --robots acrobot --frames 2048 --seeds 1 --results runs.jsonl --runs runs",
     "seeds_speed fast:1",
+    "training_speed acrobot 131072",
     "untuned Pendulum-v1 --frames 2000 --file runs.csv",
 ]
 """Scripts with options that make a run short; other tests have other scripts."""
